@@ -75,9 +75,9 @@ Traversal FolderDataset::pictured(const std::string& name, std::vector<std::stri
 }
 
 Traversal FolderDataset::filmed(const std::string& name, const std::string& video) const {
-  double rate = 0;
-  Traversal traversal = pictured(name, video_frames(video, folder_, &rate), video);
-  for (int frame = 0; rate > 0 && frame < traversal.frames; ++frame) traversal.times.push_back(frame / rate);
+  std::vector<double> times;
+  Traversal traversal = pictured(name, video_frames(video, folder_, &times), video);
+  traversal.times = std::move(times);
   return traversal;
 }
 

@@ -59,7 +59,7 @@ class Bdd100k : public FolderDataset {
   Traversal read(const std::string& name) override {
     const std::string video = videos().at(name);
     Traversal traversal = filmed(name, video);
-    if (traversal.times.empty()) throw Error("does not say how many frames a second it has", video);
+    if (traversal.times.empty()) throw Error("does not say when its frames are shown", video);
     const std::string path = infos().at(name);
     const json info = read_json(path);
     const double start = json_number(info, "startTime", path) * kMilliseconds;

@@ -97,8 +97,8 @@ const std::vector<std::string>& unread_image_suffixes() {
 }
 
 const std::vector<std::string>& video_suffixes() {
-  static const std::vector<std::string> suffixes{".mp4", ".avi",  ".mkv",  ".mov", ".m4v",
-                                                 ".mpg", ".mpeg", ".webm", ".wmv"};
+  static const std::vector<std::string> suffixes{".mp4", ".avi",  ".mkv", ".mov", ".m4v",  ".mpg", ".mpeg",
+                                                 ".vob", ".webm", ".wmv", ".ts",  ".m2ts", ".mts"};
   return suffixes;
 }
 

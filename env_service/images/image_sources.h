@@ -19,9 +19,11 @@ namespace citylearn {
 /// `paths` may name files that are missing: those have a fault. `root` is what names leave out.
 std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::string& root);
 
-/// Every frame of a video, as PNG. Forward reads are quick, others seek. Throws Error when the video cannot be opened
-/// or does not give its number of frames. `rate` (when given) becomes frames per second.
-std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root, double* rate = nullptr);
+/// Every picture of a video in the order in which they are shown, as PNG, upright, in the colours that its tags say.
+/// Forward reads are quick, others seek. Reads the whole file once, for its index. `times` (when given) becomes the
+/// pictures' times in seconds; empty when the video does not tell. Throws Error when the video is broken or cut short.
+std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root,
+                                     std::vector<double>* times = nullptr);
 
 /// `images` with something done to each picture (8-bit; 1 or 3 channels, BGR): demosaicing, a crop. `recipe` names it
 /// with all its numbers and becomes part of the fingerprint.

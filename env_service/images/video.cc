@@ -1,11 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
+extern "C" {
+#include <libavcodec/avcodec.h>
+#include <libavformat/avformat.h>
+#include <libswscale/swscale.h>
+}
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <numeric>
 #include <opencv2/core.hpp>
-#include <opencv2/videoio.hpp>
-#include <opencv2/videoio/registry.hpp>
 
 #include "core/files/files.h"
 #include "core/files/image_header.h"
@@ -18,19 +24,263 @@
 namespace citylearn {
 namespace {
 
-constexpr int kNearby = 48;  // frames that are faster to decode than to seek over
+constexpr std::uint64_t kDecodingVersion = 2;  // part of fingerprints; raised when films give other pictures
+constexpr int kNearby = 48;                    // packets that are faster to read than to seek over
+constexpr int kTried = 16;                     // pictures that are decoded to see whether a film's index is right
+constexpr int kMaxSearch = 1000;               // packets behind a seek among which a known key frame must be
+
+struct FreeLibav {
+  void operator()(AVFormatContext* it) const { avformat_close_input(&it); }
+  void operator()(AVIOContext* it) const { avio_closep(&it); }
+  void operator()(AVCodecContext* it) const { avcodec_free_context(&it); }
+  void operator()(AVPacket* it) const { av_packet_free(&it); }
+  void operator()(AVFrame* it) const { av_frame_free(&it); }
+  void operator()(SwsContext* it) const { sws_freeContext(it); }
+};
+template <class T>
+using Libav = std::unique_ptr<T, FreeLibav>;
+
+/// A packet that a decoder can begin with. Equal fields tell it again behind a seek.
+struct KeyFrame {
+  std::int64_t pts, dts, position;
+  int size;
+  int packet;     ///< its number in the order of the file
+  int frame = 0;  ///< the first frame that is shown no earlier than its picture
+
+  explicit KeyFrame(const AVPacket& it, int number)
+      : pts(it.pts), dts(it.dts), position(it.pos), size(it.size), packet(number) {}
+  bool same(const AVPacket& it) const {
+    return it.pts == pts && it.dts == dts && it.pos == position && it.size == size;
+  }
+};
+
+/// The video track of a film: its packets, and the pictures that the decoder makes of them. Each picture's pts is the
+/// number of its packet in the file, as time stamps may be missing or come twice.
+class VideoTrack {
+ public:
+  VideoTrack(const std::string& path, const std::string& name) : path_(path), name_(name) {
+    av_log_set_level(AV_LOG_QUIET);  // errors are told in one line of our own
+    open();
+    const AVCodecParameters& given = *stream_->codecpar;
+    const AVCodec* const codec = avcodec_find_decoder(given.codec_id);
+    if (!codec)
+      throw Error("has " + std::string(avcodec_get_name(given.codec_id)) + " video, which FFmpeg cannot decode here",
+                  name_, "convert it: ffmpeg -i FILE -c:v libx264 NEW.mp4");
+    decoder_.reset(avcodec_alloc_context3(codec));
+    avcodec_parameters_to_context(decoder_.get(), &given);
+    decoder_->thread_count = 1;  // a broken film too gives the same pictures on every machine
+    decoder_->flags |= AV_CODEC_FLAG_BITEXACT;
+    decoder_->max_pixels = kMaxPixels;
+    if (const int error = avcodec_open2(decoder_.get(), codec, nullptr); error < 0) fail(error);
+    if (std::int64_t{given.width} * given.height > kMaxPixels)
+      throw Error("its pictures have more than " + std::to_string(kMaxPixels) + " pixels", name_);
+  }
+
+  const AVFormatContext& format() const { return *format_; }
+  const AVStream& stream() const { return *stream_; }
+  const AVPacket& packet() const { return *packet_; }
+  const AVFrame& picture() const { return *picture_; }
+  int next_packet() const { return next_; }
+
+  /// Reads the next packet of the track. Returns false at the film's end.
+  bool read_packet() {
+    if (pending_) return next_++, pending_ = false, true;
+    int error = 0;
+    do {
+      av_packet_unref(packet_.get());
+      error = av_read_frame(format_.get(), packet_.get());
+      if (error < 0) break;
+      empty_ += packet_->stream_index == stream_->index && packet_->size == 0;  // shows the picture before again
+    } while (packet_->stream_index != stream_->index || packet_->size == 0);
+    if (error < 0) {
+      ends_early_ |= error != AVERROR_EOF;
+      return false;
+    }
+    // Transport streams mark packets beside which something is missing; elsewhere the file ends in the packet.
+    if (!restarts_clock() && (packet_->flags & AV_PKT_FLAG_CORRUPT)) ends_early_ = true;
+    return ++next_, true;
+  }
+
+  /// Decodes the next picture. Returns false at the film's end.
+  bool decode() {
+    while (true) {
+      const int state = avcodec_receive_frame(decoder_.get(), picture_.get());
+      if (state == 0) return true;
+      if (state != AVERROR(EAGAIN)) return false;
+      if (!read_packet()) {
+        avcodec_send_packet(decoder_.get(), nullptr);
+        continue;
+      }
+      packet_->pts = packet_->dts = next_ - 1;
+      avcodec_send_packet(decoder_.get(), packet_.get());  // a broken packet gives no picture
+    }
+  }
+
+  /// Goes to the first packet.
+  void rewind() {
+    open();
+    avcodec_flush_buffers(decoder_.get());
+  }
+
+  /// Goes to keys[which], or to the first packet when it is negative.
+  void go_to(const std::vector<KeyFrame>& keys, int which) {
+    const int packet = which < 0 ? 0 : keys[static_cast<std::size_t>(which)].packet;
+    if (next_ > packet || next_ + kNearby < packet) seek(keys, which);
+    while (next_ < packet && read_packet()) continue;
+    avcodec_flush_buffers(decoder_.get());
+  }
+
+  /// Whether the container's clock may begin anywhere and anew: transport and program streams.
+  bool restarts_clock() const { return format_->iformat->flags & AVFMT_TS_DISCONT; }
+
+  /// Throws Error when fewer packets were read than the film should have.
+  void require_whole(std::size_t packets) const {
+    const bool indexed = std::string(format_->iformat->name).starts_with("mov");
+    const auto listed = static_cast<std::size_t>(indexed ? avformat_index_get_entries_count(stream_) : 0);
+    if (!ends_early_ && packets + empty_ >= listed) return;
+    throw Error("ends early, after " + std::to_string(packets) + " pictures" +
+                    (listed > 0 ? " of " + std::to_string(listed) : ""),
+                name_, "copy it again, or keep what is there: ffmpeg -i FILE -c copy NEW.mkv");
+  }
+
+  /// Logs what was decided where a film leaves a choice.
+  void warn_of_choices() const {
+    if (tracks_ > 1)
+      spdlog::warn("{}: has {} video tracks; the one of {} x {} pixels is taken", name_, tracks_,
+                   stream_->codecpar->width, stream_->codecpar->height);
+    const AVColorTransferCharacteristic curve = stream_->codecpar->color_trc;
+    if (curve == AVCOL_TRC_ARIB_STD_B67 || curve == AVCOL_TRC_SMPTE2084)
+      spdlog::warn("{}: is in HDR; its brightness is taken as it is coded", name_);
+  }
+
+ private:
+  void open() {
+    format_.reset();
+    AVIOContext* file = nullptr;
+    int error = avio_open(&file, ("file:" + path_).c_str(), AVIO_FLAG_READ);
+    file_.reset(file);
+    if (error < 0) fail(error);
+    AVFormatContext* opened = avformat_alloc_context();
+    opened->pb = file;
+    AVDictionary* options = nullptr;
+    av_dict_set(&options, "protocol_whitelist", "none", 0);  // a playlist opens no other files
+    error = avformat_open_input(&opened, path_.c_str(), nullptr, &options);
+    av_dict_free(&options);
+    if (error < 0) fail(error);
+    format_.reset(opened);
+    if (error = avformat_find_stream_info(opened, nullptr); error < 0) fail(error);
+    choose_stream();
+    next_ = 0;
+    empty_ = 0;
+    pending_ = ends_early_ = false;
+  }
+
+  /// Takes the first video track, one that players show if there is any. A cover is no video.
+  void choose_stream() {
+    stream_ = nullptr;
+    tracks_ = 0;
+    for (unsigned i = 0; i < format_->nb_streams; ++i) {
+      AVStream* const each = format_->streams[i];
+      each->discard = AVDISCARD_ALL;
+      if (each->codecpar->codec_type != AVMEDIA_TYPE_VIDEO || each->codecpar->width <= 0 ||
+          (each->disposition & (AV_DISPOSITION_ATTACHED_PIC | AV_DISPOSITION_TIMED_THUMBNAILS)))
+        continue;
+      ++tracks_;
+      if (!stream_ || (each->disposition & ~stream_->disposition & AV_DISPOSITION_DEFAULT)) stream_ = each;
+    }
+    if (!stream_) throw Error("holds no video", name_, "move it out of the folder");
+    stream_->discard = AVDISCARD_DEFAULT;
+  }
+
+  void seek(const std::vector<KeyFrame>& keys, int which) {
+    for (int from = which, step = 1; from > 0; from -= step, step *= 2) {
+      const KeyFrame& key = keys[static_cast<std::size_t>(from)];
+      const std::int64_t time = key.dts == AV_NOPTS_VALUE ? key.pts : key.dts;
+      if (av_seek_frame(format_.get(), stream_->index, time, AVSEEK_FLAG_BACKWARD) < 0) continue;
+      pending_ = false;
+      for (int searched = 0; searched < kMaxSearch && read_packet(); ++searched) {
+        if (!(packet_->flags & AV_PKT_FLAG_KEY)) continue;
+        const auto found =
+            std::find_if(keys.begin(), keys.end(), [&](const KeyFrame& known) { return known.same(*packet_); });
+        if (found == keys.end()) continue;
+        if (found > keys.begin() + which) break;  // too late
+        next_ = found->packet;
+        pending_ = true;
+        return;
+      }
+    }
+    open();
+  }
+
+  [[noreturn]] void fail(int error) const {
+    char text[AV_ERROR_MAX_STRING_SIZE];
+    throw Error("the video cannot be opened: " + std::string(av_make_error_string(text, sizeof text, error)), name_,
+                "broken, or of a kind that FFmpeg does not know");
+  }
+
+  const std::string path_, name_;
+  Libav<AVIOContext> file_;
+  Libav<AVFormatContext> format_;
+  AVStream* stream_ = nullptr;
+  int tracks_ = 0;
+  Libav<AVCodecContext> decoder_;
+  Libav<AVPacket> packet_{av_packet_alloc()};
+  Libav<AVFrame> picture_{av_frame_alloc()};
+  int next_ = 0;          ///< number of the packet that is read next
+  bool pending_ = false;  ///< that one is in packet_
+  bool ends_early_ = false;
+  std::size_t empty_ = 0;
+};
+
+/// Returns the turn that the track asks for; null when it asks for none.
+const std::int32_t* display_matrix(const AVStream& stream) {
+#if LIBAVFORMAT_VERSION_MAJOR >= 61
+  const AVPacketSideData* const found = av_packet_side_data_get(
+      stream.codecpar->coded_side_data, stream.codecpar->nb_coded_side_data, AV_PKT_DATA_DISPLAYMATRIX);
+  const void* const data = found && found->size >= 9 * sizeof(std::int32_t) ? found->data : nullptr;
+#else
+  std::size_t size = 0;
+  const void* const data = av_stream_get_side_data(&stream, AV_PKT_DATA_DISPLAYMATRIX, &size);
+#endif
+  return static_cast<const std::int32_t*>(data);
+}
+
+/// Converts a decoded picture to BGR as FFmpeg's tools do: by its tags, of which a missing matrix is BT.601's and a
+/// missing range limited. HDR stays as it is coded, and so do pixels that are not square. Then turns and mirrors it by
+/// display matrix `m` (null: none), which takes (x, y) to (m[0] x + m[3] y, m[1] x + m[4] y).
+cv::Mat upright_bgr(const AVFrame& from, const std::int32_t* m, Libav<SwsContext>& scaler) {
+  const int width = from.width, height = from.height;
+  const auto format = static_cast<AVPixelFormat>(from.format);
+  scaler.reset(sws_getCachedContext(scaler.release(), width, height, format, width, height, AV_PIX_FMT_BGR24,
+                                    SWS_BICUBIC, nullptr, nullptr, nullptr));
+  if (!scaler) return {};
+  int *matrix = nullptr, *table = nullptr, full = 0, to_full = 0, brightness = 0, contrast = 0, saturation = 0;
+  sws_getColorspaceDetails(scaler.get(), &matrix, &full, &table, &to_full, &brightness, &contrast, &saturation);
+  if (from.color_range != AVCOL_RANGE_UNSPECIFIED) full = from.color_range == AVCOL_RANGE_JPEG;
+  sws_setColorspaceDetails(scaler.get(), sws_getCoefficients(from.colorspace), full, table, to_full, brightness,
+                           contrast, saturation);
+  cv::Mat rows(height, (width + 63) / 64 * 64, CV_8UC3);  // the scaler may write beyond a row's end
+  std::uint8_t* const to[] = {rows.data};
+  const int step[] = {static_cast<int>(rows.step)};
+  if (sws_scale(scaler.get(), from.data, from.linesize, 0, height, to, step) != height) return {};
+  cv::Mat picture = rows.colRange(0, width);
+  if (!m) return picture;
+  const bool on_its_side = std::abs(std::int64_t{m[1]}) > std::abs(std::int64_t{m[0]});
+  const bool left_right = (on_its_side ? m[3] : m[0]) < 0, up_down = (on_its_side ? m[1] : m[4]) < 0;
+  if (on_its_side) cv::transpose(picture, picture);
+  if (left_right || up_down) cv::flip(picture, picture, left_right && up_down ? -1 : left_right ? 1 : 0);
+  return picture;
+}
 
 /// Frames of a video. The decoder opens with the first picture asked for, so that a dataset of many videos keeps none.
 class VideoFrames : public Images {
  public:
-  VideoFrames(const std::string& path, const std::string& root, double* rate)
+  VideoFrames(const std::string& path, const std::string& root, std::vector<double>* times)
       : path_(std::filesystem::absolute(path).string()), name_(path_below(path, root)) {
     base_ = hash_of_samples();
-    open();
-    frames_ = number_of_frames();
-    const double fps = property(cv::CAP_PROP_FPS);
-    if (rate) *rate = std::isfinite(fps) && fps > 0 ? fps : 0;
-    capture_.release();
+    std::vector<double> found = read_index();
+    if (times) *times = std::move(found);
+    track_.reset();
   }
 
   int frames() const override { return frames_; }
@@ -44,67 +294,181 @@ class VideoFrames : public Images {
   }
   void read(int frame, Bytes& bytes) override {
     if (frame < 0 || frame >= frames_) throw Error("no frame " + std::to_string(frame), name_);
-    if (!capture_.isOpened()) open();
-    if (!fetch(frame)) {
-      capture_.release();  // begins anew with the next picture
+    if (!track_) open();
+    cv::Mat picture;
+    if (fetch(frame)) picture = upright_bgr(track_->picture(), display_matrix(track_->stream()), scaler_);
+    if (picture.empty()) {
+      track_.reset();  // begins anew with the next picture
       throw Error("cannot be decoded", name(frame), "the video is broken there");
     }
-    encode_png(picture_, bytes);
+    encode_png(picture, bytes);
   }
 
  private:
   void open() {
-    try {
-      // The processor's own decoder gives the same pictures on every machine.
-      const std::vector<int> options{cv::CAP_PROP_HW_ACCELERATION, cv::VIDEO_ACCELERATION_NONE};
-      if (cv::videoio_registry::hasBackend(cv::CAP_FFMPEG))
-        capture_.open(path_, cv::CAP_FFMPEG, options);
-      else
-        capture_.open(path_, cv::CAP_ANY);
-    } catch (const cv::Exception& error) {
-      throw Error("the video cannot be opened: " + error.err, name_);
-    }
-    next_ = 0;
-    if (!capture_.isOpened())
-      throw Error("the video cannot be opened", name_, "broken, or of a kind that OpenCV was built without");
-    const double width = property(cv::CAP_PROP_FRAME_WIDTH), height = property(cv::CAP_PROP_FRAME_HEIGHT);
-    if (!(width >= 1 && height >= 1 && width * height <= static_cast<double>(kMaxPixels)))
-      throw Error("its pictures are empty, or have more than " + std::to_string(kMaxPixels) + " pixels", name_);
+    track_ = std::make_unique<VideoTrack>(path_, name_);
+    last_ = -1;
   }
 
-  /// Containers round, or count frames that were never written: the last frame that can be decoded counts.
-  int number_of_frames() {
-    const double given = property(cv::CAP_PROP_FRAME_COUNT);
-    if (!(given >= 1))
-      throw Error("the video does not give its number of frames", name_, "copy it into another container");
-    if (given > msg::MAX_FRAMES)
-      throw Error("more than " + std::to_string(msg::MAX_FRAMES) + " frames", name_, "cut the video");
-    const int count = static_cast<int>(given);
-    for (int frame = count - 1; frame >= std::max(0, count - 3); --frame) {
-      if (fetch(frame)) return frame + 1;
-      capture_.release();
-      open();
-    }
-    throw Error("its last frames cannot be decoded; it should have " + std::to_string(count), name_,
-                "the video is cut short");
-  }
-
-  double property(int which) { return capture_.get(which); }
-
-  /// Decodes the frame into picture_. Returns false when that fails.
-  bool fetch(int frame) {
-    try {
-      if (frame < next_ || frame > next_ + kNearby) {
-        if (!capture_.set(cv::CAP_PROP_POS_FRAMES, frame)) return false;
-        next_ = frame;
+  /// Numbers the pictures in the order in which they are shown: by their time stamps, of which those of the first and
+  /// the last pictures are tried, or by decoding all where time stamps do not tell. Returns their times in seconds.
+  std::vector<double> read_index() {
+    open();
+    track_->warn_of_choices();
+    const AVStream& stream = track_->stream();
+    const AVCodecID codec = stream.codecpar->codec_id;
+    // Two fields may come in packets of their own, and AVI has no times at which pictures are shown.
+    bool trusted = !(codec == AV_CODEC_ID_H264 && stream.codecpar->field_order > AV_FIELD_PROGRESSIVE) &&
+                   !(stream.codecpar->video_delay > 0 && track_->format().iformat->name == std::string("avi"));
+    std::vector<std::int64_t> shown_at, decoded_at;
+    std::vector<bool> shown;
+    for (std::int64_t shift = 0, step = 0; track_->read_packet();) {
+      const AVPacket& packet = track_->packet();
+      if (shown.size() >= 2 * std::size_t{msg::MAX_FRAMES}) break;
+      if (packet.flags & AV_PKT_FLAG_KEY) keys_.emplace_back(packet, static_cast<int>(shown.size()));
+      if (track_->restarts_clock() && !shown.empty() && packet.dts != AV_NOPTS_VALUE) {
+        // Where recordings were put together, the clock goes on from the end of the one before.
+        if (packet.dts + shift < decoded_at.back()) shift = decoded_at.back() + step - packet.dts;
+        step = packet.dts + shift - decoded_at.back();
       }
-      for (; next_ < frame; ++next_)
-        if (!capture_.grab()) return false;
-      ++next_;
-      return capture_.read(picture_) && !picture_.empty() && picture_.depth() == CV_8U;
-    } catch (const cv::Exception&) {
-      return false;
+      const auto shifted = [&](std::int64_t time) { return time == AV_NOPTS_VALUE ? time : time + shift; };
+      decoded_at.push_back(shifted(packet.dts));
+      shown_at.push_back(shifted(packet.pts));
+      const bool hidden = codec == AV_CODEC_ID_VP8 && !(packet.data[0] & 0x10);  // others refer to it
+      shown.push_back(!hidden && !(packet.flags & AV_PKT_FLAG_DISCARD));
+      trusted = trusted && packet.pts != AV_NOPTS_VALUE && !(codec == AV_CODEC_ID_MPEG4 && packet.size < 20);
     }
+    track_->require_whole(shown.size());
+    if (!(trusted && number_by_time(shown_at, shown) && try_numbers())) number_by_decoding(shown.size());
+    if (frames_ == 0) throw Error("holds no picture that can be decoded", name_);
+    if (frames_ > static_cast<int>(msg::MAX_FRAMES))
+      throw Error("more than " + std::to_string(msg::MAX_FRAMES) + " frames", name_, "cut the video");
+    return seconds(shown_at, decoded_at);
+  }
+
+  /// Returns false when time stamps cannot be right.
+  bool number_by_time(const std::vector<std::int64_t>& shown_at, const std::vector<bool>& shown) {
+    std::vector<std::size_t> order(shown.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return shown_at[a] < shown_at[b]; });
+    std::vector<int> next(shown.size());
+    frame_of_.assign(shown.size(), -1);
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      if (i > 0 && shown_at[order[i]] == shown_at[order[i - 1]]) return false;
+      next[order[i]] = frames_;
+      if (shown[order[i]]) frame_of_[order[i]] = frames_++;
+    }
+    for (KeyFrame& key : keys_) key.frame = next[static_cast<std::size_t>(key.packet)];
+    return std::is_sorted(keys_.begin(), keys_.end(), [](auto& a, auto& b) { return a.frame < b.frame; });
+  }
+
+  /// Leaves out what does not come at the film's beginning, as pictures do whose references were cut off, and at its
+  /// end. Returns false when others than expected come.
+  bool try_numbers() {
+    track_->rewind();
+    int first = -1, next = 0;
+    while (next - first < kTried && track_->decode()) {
+      const int frame = frame_of(track_->picture());
+      if (frame < 0) continue;
+      if (first < 0) first = next = frame;
+      if (frame != next++) return false;
+    }
+    if (first < 0) return false;
+    for (int& frame : frame_of_) frame = std::max(frame - first, -1);
+    for (KeyFrame& key : keys_) key.frame = std::max(key.frame - first, 0);
+    frames_ -= first;
+    int last = -1;
+    for (int key = key_before(frames_ - 1), back = 0; back < 3 && last < frames_ - 1; key -= ++back) {
+      track_->go_to(keys_, std::max(key, -1));
+      while (track_->decode()) last = std::max(last, frame_of(track_->picture()));
+    }
+    if (last < frames_ - 1)
+      spdlog::warn("{}: the last {} pictures cannot be decoded; it may be cut short", name_, frames_ - 1 - last);
+    frames_ = last + 1;
+    return last >= 0;
+  }
+
+  void number_by_decoding(std::size_t packets) {
+    track_->rewind();
+    frames_ = 0;
+    frame_of_.assign(packets, -1);
+    while (track_->decode()) {
+      const std::int64_t packet = track_->picture().pts;
+      if (packet < 0 || frame_of(track_->picture()) >= 0)
+        throw Error("has packets of several pictures", name_, "convert it: ffmpeg -i FILE NEW.mp4");
+      frame_of_[static_cast<std::size_t>(packet)] = frames_++;
+    }
+    int last = -1;
+    std::erase_if(keys_, [&](KeyFrame& key) {
+      key.frame = frame_of_[static_cast<std::size_t>(key.packet)];
+      return key.frame <= last || (last = key.frame, false);
+    });
+  }
+
+  /// Returns the frames' times in seconds: when they are shown; else when they are decoded, in order; else by the rate.
+  std::vector<double> seconds(const std::vector<std::int64_t>& shown_at, const std::vector<std::int64_t>& decoded_at) {
+    const AVStream& stream = track_->stream();
+    std::vector<double> result(static_cast<std::size_t>(frames_));
+    for (const auto* from : {&shown_at, &decoded_at}) {
+      std::vector<std::int64_t> times(result.size());
+      for (std::size_t packet = 0; packet < from->size(); ++packet)
+        if (const int frame = frame_of_[packet]; frame >= 0 && frame < frames_)
+          times[static_cast<std::size_t>(frame)] = (*from)[packet];
+      if (from == &decoded_at) std::sort(times.begin(), times.end());
+      if (!std::is_sorted(times.begin(), times.end()) || times.front() == AV_NOPTS_VALUE) continue;
+      const std::int64_t origin = track_->restarts_clock() ? times.front() : 0;
+      std::transform(times.begin(), times.end(), result.begin(),
+                     [&](std::int64_t time) { return static_cast<double>(time - origin) * av_q2d(stream.time_base); });
+      const double length = static_cast<double>(track_->format().duration) / AV_TIME_BASE;
+      if (result.back() - result.front() < 0.9 * length - 1)
+        spdlog::warn("{}: its pictures end after {:.1f} of {:.1f} s; it may be cut short", name_,
+                     result.back() - result.front(), length);
+      return result;
+    }
+    if (stream.avg_frame_rate.num <= 0 || stream.avg_frame_rate.den <= 0) return {};
+    for (std::size_t i = 0; i < result.size(); ++i) result[i] = static_cast<double>(i) / av_q2d(stream.avg_frame_rate);
+    return result;
+  }
+
+  /// Returns the frame that a decoded picture is; -1 when it is none.
+  int frame_of(const AVFrame& picture) const {
+    return picture.pts < 0 ? -1 : frame_of_[static_cast<std::size_t>(picture.pts)];
+  }
+
+  /// Returns the index of the last key frame that is shown no later than the frame; -1 when there is none.
+  int key_before(int frame) const {
+    const auto after = std::upper_bound(keys_.begin(), keys_.end(), frame,
+                                        [](int wanted, const KeyFrame& key) { return wanted < key.frame; });
+    return static_cast<int>(after - keys_.begin()) - 1;
+  }
+
+  /// Decodes the frame. Returns false when that fails.
+  bool fetch(int frame) {
+    const int before = key_before(frame);
+    const bool passed = before < 0 || keys_[static_cast<std::size_t>(before)].packet <= track_->next_packet();
+    if ((frame == last_ + 1 || (last_ >= 0 && frame > last_ && passed)) && decode_until(frame)) return true;
+    // A picture may refer to some before a key frame, and pictures behind one need not be whole at once.
+    for (int back = 0; back < kNearby; back = 2 * back + 1) {
+      const int begin = std::max(before - back, -1);
+      track_->go_to(keys_, begin);
+      intra_ = begin <= 0 || back > 1;
+      if (decode_until(frame) && intra_) return true;
+      if (begin < 0) break;
+    }
+    return false;
+  }
+
+  bool decode_until(int frame) {
+    while (track_->decode()) {
+      const AVFrame& picture = track_->picture();
+      intra_ |= picture.pict_type == AV_PICTURE_TYPE_I || picture.pict_type == AV_PICTURE_TYPE_NONE;
+      const int now = frame_of(picture);
+      if (now < 0) continue;
+      last_ = now;
+      if (now == frame) return picture.decode_error_flags == 0;
+      if (now > frame + kTried) break;
+    }
+    return false;
   }
 
   /// Hashes the size and 16 KiB at 64 places, which distinguishes videos without reading gigabytes.
@@ -113,7 +477,9 @@ class VideoFrames : public Images {
     std::ifstream file(path_, std::ios::binary | std::ios::ate);
     if (!file) throw Error("the video cannot be read", name_);
     const auto size = static_cast<std::uint64_t>(file.tellg());
+    if (size == 0) throw Error("an empty file", name_);
     Sha256 sha;
+    sha.add(kDecodingVersion);
     sha.add(size);
     std::string block(16 << 10, '\0');
     for (std::uint64_t i = 0; i < 64; ++i) {
@@ -130,15 +496,18 @@ class VideoFrames : public Images {
   std::string path_, name_;
   std::uint64_t base_ = 0;
   int frames_ = 0;
-  int next_ = 0;  ///< frame that the decoder gives next
-  cv::VideoCapture capture_;
-  cv::Mat picture_;
+  int last_ = -1;              ///< frame that was decoded last; -1 before the first
+  bool intra_ = false;         ///< a picture of its own, which refers to no other, was decoded since the last seek
+  std::vector<int> frame_of_;  ///< of each packet; -1 when it shows none
+  std::vector<KeyFrame> keys_;
+  std::unique_ptr<VideoTrack> track_;
+  Libav<SwsContext> scaler_;
 };
 
 }  // namespace
 
-std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root, double* rate) {
-  return std::make_shared<VideoFrames>(path, root, rate);
+std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root, std::vector<double>* times) {
+  return std::make_shared<VideoFrames>(path, root, times);
 }
 
 }  // namespace citylearn

@@ -67,8 +67,10 @@ TEST_F(PlainImages, AVideoATraversal) {
   ASSERT_EQ(drive.times.size(), 20u);
   EXPECT_NEAR(drive.times[5], 0.2, 1e-6);
   make_file(folder_ / "broken.mp4", "x");
-  EXPECT_EQ(complaint("broken"),
-            "broken.mp4: the video cannot be opened (broken, or of a kind that OpenCV was built without)");
+  EXPECT_EQ(
+      complaint("broken"),
+      "broken.mp4: the video cannot be opened: Invalid data found when processing input (broken, or of a kind that "
+      "FFmpeg does not know)");
 }
 
 TEST_F(PlainImages, OneNameTwice) {

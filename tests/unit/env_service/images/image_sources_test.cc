@@ -157,56 +157,18 @@ TEST(Encoding, PngOfGreyAndColours) {
   EXPECT_NE(error_of([&] { encode_png(cv::Mat(), bytes); }), "");
 }
 
-class Video : public ::testing::TestWithParam<std::pair<const char*, const char*>> {};
-
-TEST_P(Video, FramesInAnyOrder) {
+TEST(Video, NamesAndFingerprints) {
   const Folder folder;
-  const std::string path = folder / GetParam().first;
-  constexpr int kFrames = 55;
-  if (!write_video(path, kFrames, GetParam().second)) GTEST_SKIP() << "skipped: no encoder for " << GetParam().second;
-  double rate = 0;
-  const auto images = video_frames(path, folder.path(), &rate);
-  ASSERT_EQ(images->frames(), kFrames);
-  EXPECT_NEAR(rate, 25, 0.01);
-  EXPECT_EQ(images->name(12), std::string(GetParam().first) + ", frame 12");
-  // What comes out one after the other, lossy as it is.
-  std::vector<int> expected;
-  cv::VideoCapture capture(path);
-  for (cv::Mat picture; capture.read(picture);) expected.push_back(picture.at<cv::Vec3b>(24, 32)[0]);
-  ASSERT_EQ(expected.size(), static_cast<std::size_t>(kFrames));
+  ASSERT_TRUE(write_video(folder / "m.avi", 20));
+  const auto images = video_frames(folder / "m.avi", folder.path());
+  ASSERT_EQ(images->frames(), 20);
+  EXPECT_EQ(images->name(12), "m.avi, frame 12");
+  EXPECT_NEAR(brightness(*images, 12), 4 * 12 + 20, 3);
   std::set<std::uint64_t> fingerprints;
-  for (const int frame : {0, 1, 2, 9, 54, 53, 3, 3, 0, 30, 54}) {
-    EXPECT_NEAR(brightness(*images, frame), expected[static_cast<std::size_t>(frame)], 1) << frame;
-    fingerprints.insert(images->fingerprint(frame));
-  }
-  EXPECT_EQ(fingerprints.size(), 8u);
+  for (int frame = 0; frame < 20; ++frame) fingerprints.insert(images->fingerprint(frame));
+  EXPECT_EQ(fingerprints.size(), 20u);
   Bytes bytes;
-  EXPECT_NE(error_of([&] { images->read(kFrames, bytes); }), "");
-}
-
-INSTANTIATE_TEST_SUITE_P(Codecs, Video,
-                         ::testing::Values(std::pair{"m.avi", "MJPG"}, std::pair{"m.mp4", "mp4v"},
-                                           std::pair{"m.mkv", "FFV1"}));
-
-TEST(BrokenVideo, IsOneClearLine) {
-  const Folder folder;
-  make_file(folder / "x.mp4", "no video at all");
-  EXPECT_EQ(error_of([&] { video_frames(folder / "x.mp4", folder.path()); }),
-            "x.mp4: the video cannot be opened (broken, or of a kind that OpenCV was built without)");
-  EXPECT_NE(error_of([&] { video_frames(folder / "y.mp4", folder.path()); }), "");
-  EXPECT_NE(error_of([&] { video_frames(folder.path(), ""); }), "");
-  ASSERT_TRUE(write_video(folder / "m.avi", 50));
-  const std::string whole = contents(folder / "m.avi");
-  make_file(folder / "cut.avi", whole.substr(0, whole.size() / 2));
-  // Half of it is gone: told at once, or as fewer frames that can all be had.
-  std::shared_ptr<Images> images;
-  const std::string told = error_of([&] { images = video_frames(folder / "cut.avi", folder.path()); });
-  if (!images) {
-    EXPECT_TRUE(told.starts_with("cut.avi: ")) << told;
-  } else {
-    EXPECT_LT(images->frames(), 50);
-    EXPECT_NEAR(brightness(*images, images->frames() - 1), 4 * (images->frames() - 1) + 20, 3);
-  }
+  EXPECT_EQ(error_of([&] { images->read(20, bytes); }), "m.avi: no frame 20");
 }
 
 TEST(Changed, PicturesAndFingerprints) {
