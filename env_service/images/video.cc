@@ -9,7 +9,6 @@ extern "C" {
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <numeric>
 #include <opencv2/core.hpp>
 
@@ -46,9 +45,6 @@ struct KeyFrame {
   int size;
   int packet;     ///< its number in the order of the file
   int frame = 0;  ///< the first frame that is shown no earlier than its picture
-
-  explicit KeyFrame(const AVPacket& it, int number)
-      : pts(it.pts), dts(it.dts), position(it.pos), size(it.size), packet(number) {}
   bool same(const AVPacket& it) const {
     return it.pts == pts && it.dts == dts && it.pos == position && it.size == size;
   }
@@ -62,6 +58,8 @@ class VideoTrack {
     av_log_set_level(AV_LOG_QUIET);  // errors are told in one line of our own
     open();
     const AVCodecParameters& given = *stream_->codecpar;
+    if (std::int64_t{given.width} * given.height > kMaxPixels)
+      throw Error("its pictures have more than " + std::to_string(kMaxPixels) + " pixels", name_);
     const AVCodec* const codec = avcodec_find_decoder(given.codec_id);
     if (!codec)
       throw Error("has " + std::string(avcodec_get_name(given.codec_id)) + " video, which FFmpeg cannot decode here",
@@ -72,8 +70,6 @@ class VideoTrack {
     decoder_->flags |= AV_CODEC_FLAG_BITEXACT;
     decoder_->max_pixels = kMaxPixels;
     if (const int error = avcodec_open2(decoder_.get(), codec, nullptr); error < 0) fail(error);
-    if (std::int64_t{given.width} * given.height > kMaxPixels)
-      throw Error("its pictures have more than " + std::to_string(kMaxPixels) + " pixels", name_);
   }
 
   const AVFormatContext& format() const { return *format_; }
@@ -103,17 +99,19 @@ class VideoTrack {
 
   /// Decodes the next picture. Returns false at the film's end.
   bool decode() {
-    while (true) {
+    for (int broken = 0; broken < kMaxSearch;) {
       const int state = avcodec_receive_frame(decoder_.get(), picture_.get());
       if (state == 0) return true;
-      if (state != AVERROR(EAGAIN)) return false;
-      if (!read_packet()) {
-        avcodec_send_packet(decoder_.get(), nullptr);
+      if (state == AVERROR_EOF) return false;
+      if (state != AVERROR(EAGAIN)) {
+        ++broken;  // a broken packet gives no picture
         continue;
       }
-      packet_->pts = packet_->dts = next_ - 1;
-      avcodec_send_packet(decoder_.get(), packet_.get());  // a broken packet gives no picture
+      const bool more = read_packet();
+      if (more) packet_->pts = packet_->dts = next_ - 1;
+      avcodec_send_packet(decoder_.get(), more ? packet_.get() : nullptr);
     }
+    return false;
   }
 
   /// Goes to the first packet.
@@ -140,7 +138,7 @@ class VideoTrack {
     if (!ends_early_ && packets + empty_ >= listed) return;
     throw Error("ends early, after " + std::to_string(packets) + " pictures" +
                     (listed > 0 ? " of " + std::to_string(listed) : ""),
-                name_, "copy it again, or keep what is there: ffmpeg -i FILE -c copy NEW.mkv");
+                name_, "copy it again, or keep what is there: ffmpeg -i FILE NEW.mp4");
   }
 
   /// Logs what was decided where a film leaves a choice.
@@ -160,6 +158,7 @@ class VideoTrack {
     int error = avio_open(&file, ("file:" + path_).c_str(), AVIO_FLAG_READ);
     file_.reset(file);
     if (error < 0) fail(error);
+    if (avio_size(file) == 0) throw Error("an empty file", name_);
     AVFormatContext* opened = avformat_alloc_context();
     opened->pb = file;
     AVDictionary* options = nullptr;
@@ -193,7 +192,7 @@ class VideoTrack {
   }
 
   void seek(const std::vector<KeyFrame>& keys, int which) {
-    for (int from = which, step = 1; from > 0; from -= step, step *= 2) {
+    for (int from = which, step = 1; from >= 0; from -= step, step *= 2) {
       const KeyFrame& key = keys[static_cast<std::size_t>(from)];
       const std::int64_t time = key.dts == AV_NOPTS_VALUE ? key.pts : key.dts;
       if (av_seek_frame(format_.get(), stream_->index, time, AVSEEK_FLAG_BACKWARD) < 0) continue;
@@ -277,7 +276,7 @@ class VideoFrames : public Images {
  public:
   VideoFrames(const std::string& path, const std::string& root, std::vector<double>* times)
       : path_(std::filesystem::absolute(path).string()), name_(path_below(path, root)) {
-    base_ = hash_of_samples();
+    refuse_special_file(path_);
     std::vector<double> found = read_index();
     if (times) *times = std::move(found);
     track_.reset();
@@ -322,28 +321,44 @@ class VideoFrames : public Images {
                    !(stream.codecpar->video_delay > 0 && track_->format().iformat->name == std::string("avi"));
     std::vector<std::int64_t> shown_at, decoded_at;
     std::vector<bool> shown;
-    for (std::int64_t shift = 0, step = 0; track_->read_packet();) {
+    Sha256 sha;  // over all that makes the pictures
+    sha.add(kDecodingVersion);
+    const AVCodecParameters& coding = *stream.codecpar;
+    for (const int value : {int{coding.color_range}, int{coding.color_space}})
+      sha.add(static_cast<std::uint64_t>(value));
+    if (coding.extradata_size > 0) sha.add(coding.extradata, static_cast<std::size_t>(coding.extradata_size));
+    if (const std::int32_t* const turn = display_matrix(stream)) sha.add(turn, 9 * sizeof *turn);
+    std::int64_t shift = 0, step = 0, before = AV_NOPTS_VALUE;
+    while (track_->read_packet()) {
       const AVPacket& packet = track_->packet();
-      if (shown.size() >= 2 * std::size_t{msg::MAX_FRAMES}) break;
-      if (packet.flags & AV_PKT_FLAG_KEY) keys_.emplace_back(packet, static_cast<int>(shown.size()));
-      if (track_->restarts_clock() && !shown.empty() && packet.dts != AV_NOPTS_VALUE) {
+      if (shown.size() >= 2 * std::size_t{msg::MAX_FRAMES}) too_long();
+      if (packet.flags & AV_PKT_FLAG_KEY)
+        keys_.push_back({packet.pts, packet.dts, packet.pos, packet.size, static_cast<int>(shown.size())});
+      if (track_->restarts_clock() && packet.dts != AV_NOPTS_VALUE) {
         // Where recordings were put together, the clock goes on from the end of the one before.
-        if (packet.dts + shift < decoded_at.back()) shift = decoded_at.back() + step - packet.dts;
-        step = packet.dts + shift - decoded_at.back();
+        if (packet.dts + shift < before) shift = before + step - packet.dts;
+        if (before != AV_NOPTS_VALUE) step = packet.dts + shift - before;
+        before = packet.dts + shift;
       }
       const auto shifted = [&](std::int64_t time) { return time == AV_NOPTS_VALUE ? time : time + shift; };
       decoded_at.push_back(shifted(packet.dts));
       shown_at.push_back(shifted(packet.pts));
       const bool hidden = codec == AV_CODEC_ID_VP8 && !(packet.data[0] & 0x10);  // others refer to it
       shown.push_back(!hidden && !(packet.flags & AV_PKT_FLAG_DISCARD));
+      sha.add(static_cast<std::uint64_t>(packet.pts));
+      sha.add(packet.data, static_cast<std::size_t>(packet.size));
       trusted = trusted && packet.pts != AV_NOPTS_VALUE && !(codec == AV_CODEC_ID_MPEG4 && packet.size < 20);
     }
+    base_ = sha.first_8_bytes();
     track_->require_whole(shown.size());
     if (!(trusted && number_by_time(shown_at, shown) && try_numbers())) number_by_decoding(shown.size());
     if (frames_ == 0) throw Error("holds no picture that can be decoded", name_);
-    if (frames_ > static_cast<int>(msg::MAX_FRAMES))
-      throw Error("more than " + std::to_string(msg::MAX_FRAMES) + " frames", name_, "cut the video");
+    if (frames_ > static_cast<int>(msg::MAX_FRAMES)) too_long();
     return seconds(shown_at, decoded_at);
+  }
+
+  [[noreturn]] void too_long() const {
+    throw Error("more than " + std::to_string(msg::MAX_FRAMES) + " frames", name_, "cut the video");
   }
 
   /// Returns false when time stamps cannot be right.
@@ -382,7 +397,7 @@ class VideoFrames : public Images {
       track_->go_to(keys_, std::max(key, -1));
       while (track_->decode()) last = std::max(last, frame_of(track_->picture()));
     }
-    if (last < frames_ - 1)
+    if (last >= 0 && last < frames_ - 1)
       spdlog::warn("{}: the last {} pictures cannot be decoded; it may be cut short", name_, frames_ - 1 - last);
     frames_ = last + 1;
     return last >= 0;
@@ -393,10 +408,10 @@ class VideoFrames : public Images {
     frames_ = 0;
     frame_of_.assign(packets, -1);
     while (track_->decode()) {
-      const std::int64_t packet = track_->picture().pts;
-      if (packet < 0 || frame_of(track_->picture()) >= 0)
+      const auto packet = static_cast<std::size_t>(track_->picture().pts);
+      if (packet >= packets || frame_of_[packet] >= 0)
         throw Error("has packets of several pictures", name_, "convert it: ffmpeg -i FILE NEW.mp4");
-      frame_of_[static_cast<std::size_t>(packet)] = frames_++;
+      frame_of_[packet] = frames_++;
     }
     int last = -1;
     std::erase_if(keys_, [&](KeyFrame& key) {
@@ -432,7 +447,8 @@ class VideoFrames : public Images {
 
   /// Returns the frame that a decoded picture is; -1 when it is none.
   int frame_of(const AVFrame& picture) const {
-    return picture.pts < 0 ? -1 : frame_of_[static_cast<std::size_t>(picture.pts)];
+    const auto packet = static_cast<std::size_t>(picture.pts);
+    return packet < frame_of_.size() ? frame_of_[packet] : -1;
   }
 
   /// Returns the index of the last key frame that is shown no later than the frame; -1 when there is none.
@@ -448,12 +464,12 @@ class VideoFrames : public Images {
     const bool passed = before < 0 || keys_[static_cast<std::size_t>(before)].packet <= track_->next_packet();
     if ((frame == last_ + 1 || (last_ >= 0 && frame > last_ && passed)) && decode_until(frame)) return true;
     // A picture may refer to some before a key frame, and pictures behind one need not be whole at once.
-    for (int back = 0; back < kNearby; back = 2 * back + 1) {
+    for (int back = 0; back < kTried; back = 2 * back + 1) {
       const int begin = std::max(before - back, -1);
       track_->go_to(keys_, begin);
       intra_ = begin <= 0 || back > 1;
       if (decode_until(frame) && intra_) return true;
-      if (begin < 0) break;
+      if (begin < 0 || (last_ == frame && back > 1)) break;  // damaged in the file, not by where decoding began
     }
     return false;
   }
@@ -469,28 +485,6 @@ class VideoFrames : public Images {
       if (now > frame + kTried) break;
     }
     return false;
-  }
-
-  /// Hashes the size and 16 KiB at 64 places, which distinguishes videos without reading gigabytes.
-  std::uint64_t hash_of_samples() const {
-    refuse_special_file(path_);
-    std::ifstream file(path_, std::ios::binary | std::ios::ate);
-    if (!file) throw Error("the video cannot be read", name_);
-    const auto size = static_cast<std::uint64_t>(file.tellg());
-    if (size == 0) throw Error("an empty file", name_);
-    Sha256 sha;
-    sha.add(kDecodingVersion);
-    sha.add(size);
-    std::string block(16 << 10, '\0');
-    for (std::uint64_t i = 0; i < 64; ++i) {
-      const std::uint64_t last = size > block.size() ? size - block.size() : 0;
-      file.clear();
-      file.seekg(static_cast<std::streamoff>(last / 63 * i + last % 63 * i / 63));
-      file.read(block.data(), static_cast<std::streamsize>(block.size()));
-      sha.add(block.data(), static_cast<std::size_t>(file.gcount()));
-      if (last == 0) break;
-    }
-    return sha.first_8_bytes();
   }
 
   std::string path_, name_;

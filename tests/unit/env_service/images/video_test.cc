@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <numeric>
 #include <random>
+#include <set>
 
 #include "env_service/images/image_sources.h"
 #include "tests/support/data/film.h"
@@ -175,6 +176,7 @@ TEST(VideoTurn, FollowsTheMatrixOnce) {
   write_film(folder / "x.mp4", 3, options);
   const std::string film = contents(folder / "x.mp4");
   const Quarters marks{1, 2, 3, 4};  // as stored
+  std::set<std::uint64_t> fingerprints;
   struct Case {
     std::array<int, 4> matrix;  // a b c d: (x, y) goes to (a x + c y, b x + d y)
     Quarters shown;
@@ -191,6 +193,7 @@ TEST(VideoTurn, FollowsTheMatrixOnce) {
     });
     make_file(folder / "turned.mp4", turned);
     const auto images = video_frames(folder / "turned.mp4", "");
+    EXPECT_TRUE(fingerprints.insert(images->fingerprint(0)).second);  // features of another turn are other features
     for (const int frame : {2, 0, 1}) {
       const cv::Mat picture = picture_at(*images, frame);
       EXPECT_EQ(picture.size(), matrix[0] != 0 ? cv::Size(64, 48) : cv::Size(48, 64));
@@ -241,7 +244,7 @@ TEST(VideoFaults, AreOneClearLine) {
             "or of a kind that FFmpeg does not know)");
   std::filesystem::create_directory(folder / "folder.mp4");
   EXPECT_TRUE(contains(told("folder.mp4"), "folder.mp4: is a folder, not a file"));
-  EXPECT_EQ(told("none.mp4"), "none.mp4: the video cannot be read");
+  EXPECT_TRUE(contains(told("none.mp4"), "none.mp4: the video cannot be opened: No such file"));
   // A playlist is no film, wherever it leads.
   write_film(folder / "x.ts", 5, {.codec = "mpeg2video"});
   make_file(folder / "list.mp4", "#EXTM3U\n#EXT-X-TARGETDURATION:8\n#EXTINF:8,\nx.ts\n#EXT-X-ENDLIST\n");

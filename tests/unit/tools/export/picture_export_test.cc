@@ -121,7 +121,8 @@ TEST(PictureExportFile, PaddingThatCountsIsTheSameForEveryReader) {
     cv::dnn::Net net = read(proto.SerializeAsString());
     net.setInput(planes(cv::Mat(4, 4, CV_8UC3, cv::Scalar(10, 20, 30))), "picture");
     const cv::Mat found = net.forward("descriptor");
-    for (int c = 0; c < 3; ++c) EXPECT_NEAR(found.ptr<float>()[c], (30 - 10 * c) * inside, 1e-4f) << producer;
+    for (int c = 0; c < 3; ++c)
+      EXPECT_NEAR(found.ptr<float>()[c], static_cast<float>(30 - 10 * c) * inside, 1e-4f) << producer;
   }
 }
 
