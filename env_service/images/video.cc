@@ -2,7 +2,6 @@
 extern "C" {
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
-#include <libswscale/swscale.h>
 }
 #include <spdlog/spdlog.h>
 
@@ -19,6 +18,7 @@ extern "C" {
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"
 #include "env_service/images/image_sources.h"
+#include "env_service/images/video_picture.h"
 
 namespace citylearn {
 namespace {
@@ -34,7 +34,6 @@ struct FreeLibav {
   void operator()(AVCodecContext* it) const { avcodec_free_context(&it); }
   void operator()(AVPacket* it) const { av_packet_free(&it); }
   void operator()(AVFrame* it) const { av_frame_free(&it); }
-  void operator()(SwsContext* it) const { sws_freeContext(it); }
 };
 template <class T>
 using Libav = std::unique_ptr<T, FreeLibav>;
@@ -231,46 +230,6 @@ class VideoTrack {
   std::size_t empty_ = 0;
 };
 
-/// Returns the turn that the track asks for; null when it asks for none.
-const std::int32_t* display_matrix(const AVStream& stream) {
-#if LIBAVFORMAT_VERSION_MAJOR >= 61
-  const AVPacketSideData* const found = av_packet_side_data_get(
-      stream.codecpar->coded_side_data, stream.codecpar->nb_coded_side_data, AV_PKT_DATA_DISPLAYMATRIX);
-  const void* const data = found && found->size >= 9 * sizeof(std::int32_t) ? found->data : nullptr;
-#else
-  std::size_t size = 0;
-  const void* const data = av_stream_get_side_data(&stream, AV_PKT_DATA_DISPLAYMATRIX, &size);
-#endif
-  return static_cast<const std::int32_t*>(data);
-}
-
-/// Converts a decoded picture to BGR as FFmpeg's tools do: by its tags, of which a missing matrix is BT.601's and a
-/// missing range limited. HDR stays as it is coded, and so do pixels that are not square. Then turns and mirrors it by
-/// display matrix `m` (null: none), which takes (x, y) to (m[0] x + m[3] y, m[1] x + m[4] y).
-cv::Mat upright_bgr(const AVFrame& from, const std::int32_t* m, Libav<SwsContext>& scaler) {
-  const int width = from.width, height = from.height;
-  const auto format = static_cast<AVPixelFormat>(from.format);
-  scaler.reset(sws_getCachedContext(scaler.release(), width, height, format, width, height, AV_PIX_FMT_BGR24,
-                                    SWS_BICUBIC, nullptr, nullptr, nullptr));
-  if (!scaler) return {};
-  int *matrix = nullptr, *table = nullptr, full = 0, to_full = 0, brightness = 0, contrast = 0, saturation = 0;
-  sws_getColorspaceDetails(scaler.get(), &matrix, &full, &table, &to_full, &brightness, &contrast, &saturation);
-  if (from.color_range != AVCOL_RANGE_UNSPECIFIED) full = from.color_range == AVCOL_RANGE_JPEG;
-  sws_setColorspaceDetails(scaler.get(), sws_getCoefficients(from.colorspace), full, table, to_full, brightness,
-                           contrast, saturation);
-  cv::Mat rows(height, (width + 63) / 64 * 64, CV_8UC3);  // the scaler may write beyond a row's end
-  std::uint8_t* const to[] = {rows.data};
-  const int step[] = {static_cast<int>(rows.step)};
-  if (sws_scale(scaler.get(), from.data, from.linesize, 0, height, to, step) != height) return {};
-  cv::Mat picture = rows.colRange(0, width);
-  if (!m) return picture;
-  const bool on_its_side = std::abs(std::int64_t{m[1]}) > std::abs(std::int64_t{m[0]});
-  const bool left_right = (on_its_side ? m[3] : m[0]) < 0, up_down = (on_its_side ? m[1] : m[4]) < 0;
-  if (on_its_side) cv::transpose(picture, picture);
-  if (left_right || up_down) cv::flip(picture, picture, left_right && up_down ? -1 : left_right ? 1 : 0);
-  return picture;
-}
-
 /// Frames of a video. The decoder opens with the first picture asked for, so that a dataset of many videos keeps none.
 class VideoFrames : public Images {
  public:
@@ -295,7 +254,7 @@ class VideoFrames : public Images {
     if (frame < 0 || frame >= frames_) throw Error("no frame " + std::to_string(frame), name_);
     if (!track_) open();
     cv::Mat picture;
-    if (fetch(frame)) picture = upright_bgr(track_->picture(), display_matrix(track_->stream()), scaler_);
+    if (fetch(frame)) picture = converter_.upright_bgr(track_->picture(), display_matrix(track_->stream()));
     if (picture.empty()) {
       track_.reset();  // begins anew with the next picture
       throw Error("cannot be decoded", name(frame), "the video is broken there");
@@ -495,7 +454,7 @@ class VideoFrames : public Images {
   std::vector<int> frame_of_;  ///< of each packet; -1 when it shows none
   std::vector<KeyFrame> keys_;
   std::unique_ptr<VideoTrack> track_;
-  Libav<SwsContext> scaler_;
+  PictureConverter converter_;
 };
 
 }  // namespace
