@@ -15,7 +15,6 @@
 #include "core/util/name.h"
 #include "core/util/text.h"
 #include "core/wire/rejections.h"
-#include "core/wire/transfer.h"
 #include "env_service/environment.h"
 #include "env_service/episode_outbox.h"
 #include "env_service/live_steps.h"
@@ -37,11 +36,6 @@ constexpr char kNotInCharge[] = "an action of a service that is not in charge";
 constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
-  if (const std::string problem = name_problem(traversal.name); !problem.empty())
-    throw Error(problem, "name of the traversal");
-  if (traversal.condition.size() > kLongestName)
-    throw Error("has more than " + std::to_string(kLongestName) + " characters: " + traversal.condition,
-                "condition of the traversal");
   options.service = "env_service";
   if (options.id.empty()) options.id = name_from("env-" + traversal.name);
   return options;
@@ -67,8 +61,6 @@ class EnvService {
   void run(const std::function<bool()>& stop);
 
  private:
-  using Duration = Clock::duration;
-
   void take_messages();
   void on_settings(const msg::TaskSettings& settings);
   void watch_policy(const std::string& id);
@@ -89,12 +81,8 @@ class EnvService {
   void report();
   void leave();
   /// Takes messages and ignores them.
-  template <class... Messages>
-  void discard(Messages&... messages) {
-    const auto all = [this](auto& message) {
-      while (node_.take(message)) continue;
-    };
-    (all(messages), ...);
+  void discard(auto&... messages) {
+    while ((node_.take(messages) || ...)) continue;
   }
 
   bool running() const { return awaiting_action_; }
@@ -131,7 +119,7 @@ class EnvService {
   Clock::time_point now_;
   Clock::time_point next_info_, next_observation_, next_report_, last_report_;
   Presence policy_;  // heard by its Actions
-  Duration observation_interval_{};
+  Clock::duration observation_interval_{};
   std::uint64_t steps_ = 0;  // of agents since last_report_
   std::uint64_t tasks_done_ = 0;
 
@@ -153,6 +141,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
       environment_(traversal_, options.agents, options.imperfections),
       server_(node_, environment_),
       scenes_(node_, environment_),
+      info_(server_.info()),
       outbox_(options.recorders),
       linger_(options.linger) {
   if (!traversal_.turns.empty())
@@ -162,15 +151,6 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
     live_ = std::make_unique<LiveSteps>(
         environment_, std::make_unique<Robot>(options.live->robot, node_.options().id, node_.options().middleware,
                                               traversal_, *options.live->images));
-  info_.dataset() = traversal_.dataset.c_str();
-  info_.traversal() = traversal_.name.c_str();
-  info_.condition() = traversal_.condition.c_str();
-  info_.hash() = environment_.traversal_hash();
-  info_.frames() = static_cast<std::uint32_t>(traversal_.frames);
-  info_.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
-  info_.agents() = static_cast<std::uint32_t>(environment_.agents());
-  info_.chunks() = ChunkLayout(info_.frames(), info_.feature_dimension()).chunks();
-  info_.images() = traversal_.images != nullptr;
   node_.create_reader_at<msg::ServiceStatus>(node_.options().id);  // of another process with this id
   node_.create_reader<msg::TaskSettings>();
   node_.create_reader<msg::Action>();
@@ -421,7 +401,7 @@ void EnvService::do_due_work() {
   if (running() && now_ >= next_observation_) {
     node_.publish(observation_);
     ++node_.traffic.resent;
-    observation_interval_ = std::min<Duration>(2 * observation_interval_, kLongestObservationInterval);
+    observation_interval_ = std::min<Clock::duration>(2 * observation_interval_, kLongestObservationInterval);
     next_observation_ = now_ + observation_interval_;
   }
   if (running() && !policy_silent_ && !policy_.here(now_)) {

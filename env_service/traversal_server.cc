@@ -9,6 +9,8 @@
 #include <string>
 #include <utility>
 
+#include "core/util/error.h"
+#include "core/util/name.h"
 #include "core/wire/blob.h"
 #include "core/wire/transfer.h"
 
@@ -27,6 +29,25 @@ TraversalServer::TraversalServer(Node& node, const Environment& environment)
       environment_(environment),
       traversal_(environment.traversal()),
       frames_(static_cast<std::uint32_t>(traversal_.frames)) {}
+
+msg::TraversalInfo TraversalServer::info() const {
+  if (const std::string problem = name_problem(traversal_.name); !problem.empty())
+    throw Error(problem, "name of the traversal");
+  if (traversal_.condition.size() > kLongestName)
+    throw Error("has more than " + std::to_string(kLongestName) + " characters: " + traversal_.condition,
+                "condition of the traversal");
+  msg::TraversalInfo info;
+  info.dataset() = traversal_.dataset.c_str();
+  info.traversal() = traversal_.name.c_str();
+  info.condition() = traversal_.condition.c_str();
+  info.hash() = environment_.traversal_hash();
+  info.frames() = frames_;
+  info.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
+  info.agents() = static_cast<std::uint32_t>(environment_.agents());
+  info.chunks() = ChunkLayout(frames_, info.feature_dimension()).chunks();
+  info.images() = traversal_.images != nullptr;
+  return info;
+}
 
 bool TraversalServer::can_answer(const msg::TraversalRequest& request) const {
   const std::uint32_t dimension = request.feature_dimension();

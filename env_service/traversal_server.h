@@ -17,6 +17,8 @@ class TraversalServer {
   /// `node` and `environment` must outlive it.
   TraversalServer(Node& node, const Environment& environment);
 
+  /// Returns what the env_service announces, under no settings. Throws Error when a name does not fit the messages.
+  msg::TraversalInfo info() const;
   /// Returns whether the request is for this env_service and for features that are here. An encoder_service asks for
   /// positions alone (dimension 0), and answers itself where features are asked for that only it has.
   bool can_answer(const msg::TraversalRequest& request) const;
