@@ -339,9 +339,6 @@ TEST(OnnxRefusals, NodesThatOpencvComputesOtherwiseAreNamed) {
       {"Concat",
        start().weights("c", {1, 1, 4, 4}, std::vector<float>(16, 1)).node("Concat", "it", {"c"}, {}, {{"axis", 1}})},
       {"CumSum", start().integers("i", {2}).node("CumSum", "it", {"i"})},
-      {"Squeeze",
-       start().node("AveragePool", "p", {}, {{"kernel_shape", {4, 4}}}).node("Squeeze", "it", {}, {{"axes", {-1}}})},
-      {"Gather", start().integers("i", {1}).node("Gather", "it", {"i"}, {}, {{"axis", -1}})},
       {"lengths over a row",
        start().node("Relu", "x").node("ReduceL2", "n", {}, {{"axes", {2}}}).node("Div", "it", {"x_out", "@"})},
   };
