@@ -14,8 +14,9 @@ class ApiCompare : public ApiTest {
   std::string record_run(std::uint64_t seed, double rate) {
     msg::RunInfo info = run_info();
     info.seed(seed);
-    info.manifest(
-        Json{{"rate", rate}, {"net", {{"width", 8}, {"layers", {1, "x"}}}}, {"artefacts", {{"folder", rate}}}}.dump());
+    const std::string manifest =
+        Json{{"rate", rate}, {"net", {{"width", 8}, {"layers", {1, "x"}}}}, {"artefacts", {{"folder", rate}}}}.dump();
+    info.manifest(std::vector<std::uint8_t>(manifest.begin(), manifest.end()));
     store_.record(info);
     return run_id(info);
   }
