@@ -166,8 +166,8 @@ class Recipes(CommandLine):
 
     def test_recordings_of_ones_own(self):
         self.write_recordings()
-        demo, listed, check = self.take("train-on-your-recordings", "./run demo --data DIR --frames 0:128 --train", "./run data list",
-                                        "./run data check DIR")
+        demo, check, listed, _ = self.take("train-on-your-recordings", "./run demo --data DIR --frames 0:128 --train",
+                                           "./run data check DIR", "./run data list", "./run data check DIR")
         self.assertIn("nordland", self.run_command(*listed))
         self.assertIn("0 bad", self.run_command(*check))
         demo[demo.index("0:128")] = "0:80"  # as many as there are

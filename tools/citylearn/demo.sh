@@ -10,8 +10,8 @@ What it runs on
   --data DIR           recordings: each traversal is a folder of images or a
                        video, DIR/NAME/ or DIR/NAME.mp4, or features,
                        DIR/NAME.csv, one frame a row (default: a drawn city)
-  --dataset NAME       format of DIR (default: what it is recognised as, as
-                       by "$COMMAND data check"); "$COMMAND data list" shows all
+  --dataset NAME       format of DIR (default: what "$COMMAND data check"
+                       recognises); "$COMMAND data list" shows all
   --train A[,B]        traversal to train on (default summer); A,B trains on
                        both, as experiences of the route of A
   --evaluate A,B       traversals to evaluate on (default all)
