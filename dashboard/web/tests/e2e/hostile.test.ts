@@ -31,7 +31,7 @@ const RUN = 'demo-2211/policy/1/1763740800000000';
 
 /** Each page, and where a text from elsewhere stands on it: in an element or in one of its attributes. */
 const VIEWS: [page: string, hash: (mark: string) => string, places: string[]][] = [
-  ['overview', () => 'overview', ['.run-card h3', '.run-card .hint', '.run-card .tag', '.run-note', '.run-card nav', 'tbody th', 'td:nth-child(2)', 'td:nth-child(4)', '.alarm', 'td:nth-child(8)', 'td:nth-child(10)', 'td:last-child', '.event b + span', '.alarm-line', '.alarm-rules li', '.version']],
+  ['overview', () => 'overview', ['.run-card h3', '.run-card .hint', '.run-card .tag', '.run-note', '.run-card nav', 'tbody th', 'td:nth-child(2)', 'td:nth-child(4)', '.alarm', 'td:nth-child(8)', 'td:nth-child(10)', 'td:last-child', '.event b + span', '.version']],
   ['training', (mark) => `training?runs=${encodeURIComponent(`${mark}features-1830/policy/1/1763740800000005`)}`, ['.picker-list b', '[role=img]', '.tooltip span', '.legend li']],
   ['route', () => 'route', ['h2', '.card-head .hint', 'option', '.map', '.picture figcaption', '.picture img']],
   ['deployment', (mark) => `deployment?run=${encodeURIComponent(mark + RUN)}&episode=1000002`, ['h2', 'option', '.player .map', '.card-head .hint', 'thead + tbody th', '#episodes td', '.legend li', '[role=img]']],
