@@ -179,7 +179,7 @@ TEST(Inspection, ProgramTakesParametersOfDatasets) {
 }
 
 TEST(Inspection, NothingIsNotGood) {
-  const Folder folder;
+  const Folder folder, logs;
   for (int i = 0; i < 3; ++i) write_grey(folder / ("morning/camera/" + std::to_string(i) + ".png"), 10 * i);
   std::filesystem::create_directories(folder / "empty");
   for (const auto& [arguments, status, text] :
@@ -191,7 +191,7 @@ TEST(Inspection, NothingIsNotGood) {
         {{"info", folder.path()}, 0, "morning"}}) {
     Arguments all = arguments;
     all.insert(all.begin(), CITYLEARN_DATA);
-    Service program(all, folder / "../log-of-" + std::filesystem::path(folder.path()).filename().string());
+    Service program(all, logs / "log");
     EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
     EXPECT_TRUE(contains(program.output(), text)) << program.output();
   }
