@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-import { execFileSync } from 'node:child_process';
+import { execFile } from 'node:child_process';
 import { join } from 'node:path';
+import { promisify } from 'node:util';
 import type { Page } from 'playwright-core';
 import { beforeAll, describe, expect, inject, it } from 'vitest';
 import type { Evaluation, Run, RunDetail } from '../../src/api/types';
@@ -17,7 +18,8 @@ let detail: RunDetail;
 
 // Python, which the build needs too, has a reader of SQLite.
 const READ = 'import sqlite3, sys; print(sqlite3.connect(f"file:{sys.argv[1]}?mode=ro", uri=True).execute(sys.argv[2]).fetchone()[0])';
-const sql = async (query: string): Promise<number> => Number(execFileSync('python3', ['-c', READ, join(stage.folder, 'dashboard.sqlite'), query]));
+const sql = async (query: string): Promise<number> =>
+  Number((await promisify(execFile)('python3', ['-c', READ, join(stage.folder, 'dashboard.sqlite'), query])).stdout);
 const places = (): Promise<number> => sql('SELECT COUNT(*) FROM places JOIN pictures ON id = picture');
 
 let restarts = 0;
