@@ -84,6 +84,11 @@ std::vector<DiscoveryMonitor::Endpoint> DiscoveryMonitor::endpoints() {
   return all;
 }
 
+std::vector<std::string> DiscoveryMonitor::wrong_types() {
+  std::lock_guard lock(mutex_);
+  return wrong_types_;
+}
+
 std::vector<std::string> DiscoveryMonitor::faults() {
   std::vector<std::string> lines;
   const bool changed = changed_.exchange(false);
@@ -96,6 +101,7 @@ std::vector<std::string> DiscoveryMonitor::faults() {
     remote.reported = true;
     lines.push_back("topic " + remote.topic + ": " + quoted(name_of(remote.participant)) +
                     (remote.writes ? " publishes " : " reads ") + fault);
+    if (local_topics_.at(remote.topic).type != remote.type) wrong_types_.push_back(lines.back());
   }
   const Clock::time_point now = Clock::now();
   expecting_ = false;

@@ -51,6 +51,9 @@ class DiscoveryMonitor {
   /// kPatience.
   std::vector<std::string> faults();
   static constexpr std::chrono::seconds kPatience{4};
+  /// Returns those lines of all calls of faults() that tell of other types. Waiting does not mend them: peers may still
+  /// come, and a program with another quality of service may have nothing to do with us.
+  std::vector<std::string> wrong_types();
 
   /// With DDS Security, a participant without a known endpoint for so long has shown no trusted identity. faults()
   /// reports each once.
@@ -95,6 +98,7 @@ class DiscoveryMonitor {
   std::map<std::string, Participant> participants_;
   std::map<std::string, Remote> endpoints_;
   std::map<std::string, Local> local_topics_;
+  std::vector<std::string> wrong_types_;
   std::map<std::string, Expected> expected_;  // address -> not heard yet, not told yet
   std::atomic<bool> changed_{false};
   std::atomic<bool> expecting_{false};

@@ -11,10 +11,10 @@ namespace citylearn::internal {
 
 namespace fast = eprosima::fastdds::rtps;
 
-/// Describes Fast DDS's UDP transport with two differences. It sends to no multicast address that others announce: Fast
-/// DDS 2.9 ends the process when two readers of a topic announce the same one (an assertion of its statistics). And it
-/// cuts what it sends to `largest_sent` bytes, while it receives all that `udp` allows, as peers with other settings
-/// send more. Fast's own descriptor has one limit for both.
+/// Describes Fast DDS's UDP transport with two differences. It sends to no multicast address that others announce,
+/// because Fast DDS 2.9 was seen to end its process beside ordinary readers of other makes. And it cuts what it sends
+/// to `largest_sent` bytes, while it receives all that `udp` allows, as peers with other settings send more. Fast's own
+/// descriptor has one limit for both.
 struct UnicastDescriptor : fast::ChainingTransportDescriptor {
   UnicastDescriptor(std::shared_ptr<TransportDescriptorInterface> udp, std::uint32_t largest, fast::Locator multicast)
       : ChainingTransportDescriptor(std::move(udp)), largest_sent(largest), announced_at(std::move(multicast)) {}

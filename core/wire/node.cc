@@ -65,12 +65,7 @@ bool Node::wait(Clock::time_point deadline) {
   while (true) {
     publish_heartbeat_if_due();
     const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
-    for (const std::string& line : middleware_->discovery().faults()) {
-      spdlog::error("{}", line);
-      // A peer may still come, and who has another quality of service may be nobody of ours; a foreign type on our
-      // topics will not go away by waiting.
-      if (line.starts_with("topic ") && line.find(" type ") != line.npos) faults_.push_back(line);
-    }
+    for (const std::string& line : middleware_->discovery().faults()) spdlog::error("{}", line);
     if (ready) return true;
     if (Clock::now() >= deadline) return false;
   }

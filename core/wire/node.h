@@ -33,8 +33,6 @@ class Node : public Messenger {
   const Options& options() const { return options_; }
   DiscoveryMonitor& discovery() { return middleware_->discovery(); }
   std::string middleware_name() const { return middleware_->name(); }
-  /// Faults of the middleware seen so far (type mismatches), a line each.
-  const std::vector<std::string>& faults() const { return faults_; }
   /// What it tells Prometheus; heartbeats get there by themselves.
   Metrics& metrics() { return metrics_; }
 
@@ -44,7 +42,6 @@ class Node : public Messenger {
   msg::ServiceStatus status_;
   ProcessUse use_;  // at the last heartbeat
   Clock::time_point started_, next_heartbeat_, twin_heard_;
-  std::vector<std::string> faults_;
   std::map<std::string, std::string> alarms_;
   Metrics metrics_;
 };

@@ -93,8 +93,9 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
     }
     if (missing.empty()) return;
     // Waiting does not help against a foreign type on our topics.
-    if (!node.faults().empty() && Clock::now() - since > std::chrono::seconds(3))
-      throw Error("no env_service on " + missing + "; " + node.faults().front());
+    const std::vector<std::string> wrong_types = node.discovery().wrong_types();
+    if (!wrong_types.empty() && Clock::now() - since > std::chrono::seconds(3))
+      throw Error("no env_service on " + missing + "; " + wrong_types.front());
     std::string found;
     for (const auto& [id, env] : client.envs()) {
       found += (found.empty() ? "" : ", ") + id + " on " + env->traversal();

@@ -24,14 +24,14 @@ int run(char** arguments) {
   std::optional<Clock::time_point> limit;  // set once the input has ended
   while (true) {
     if (!limit && testing::input_ended()) limit = Clock::now() + std::chrono::seconds(5);
-    if (limit && (node.faults().size() >= expected || Clock::now() >= *limit)) break;
+    if (limit && (node.discovery().wrong_types().size() >= expected || Clock::now() >= *limit)) break;
     node.wait(Clock::now() + std::chrono::milliseconds(20));
     testing::for_each_message([&]<class Message>() {
       Message message;
       while (node.take(message)) node.publish(message);
     });
   }
-  return node.faults().size() == expected && node.traffic.rejected == 0 ? 0 : 1;
+  return node.discovery().wrong_types().size() == expected && node.traffic.rejected == 0 ? 0 : 1;
 }
 
 }  // namespace
