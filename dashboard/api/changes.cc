@@ -8,7 +8,6 @@
 #include "core/util/text.h"
 #include "dashboard/api/api.h"
 #include "dashboard/api/parameters.h"
-#include "dashboard/api/text_member.h"
 #include "dashboard/playback/moment.h"
 
 namespace citylearn {
@@ -20,6 +19,27 @@ constexpr std::size_t kMostTags = 32;
 constexpr std::size_t kLongestTag = 64, kLongestNote = 2000;  // bytes
 constexpr std::size_t kLongestRun = 1024;                     // likewise, of an ID
 constexpr double kSlowest = 0.01, kFastest = 1000;
+
+/// Returns whether a text has control characters (those of ASCII) but `allowed` ones.
+bool has_control(std::string_view text, std::string_view allowed = "") {
+  return std::any_of(text.begin(), text.end(),
+                     [&](char c) { return ((c >= 0 && c < ' ') || c == '\x7F') && allowed.find(c) == allowed.npos; });
+}
+
+enum class Lines { kOne, kAny };  // kAny: line feeds and tabs are allowed
+
+/// Returns a text of the object that a client sent; nothing when it is missing or null. Throws RequestError naming the
+/// member when it is of another type, longer than `longest` bytes, or has control characters (but those of `lines`).
+std::optional<std::string> text_member(const Json& object, const char* name, std::size_t longest,
+                                       Lines lines = Lines::kOne) {
+  const auto member = object.find(name);
+  if (member == object.end() || member->is_null()) return std::nullopt;
+  const auto* text = member->get_ptr<const std::string*>();
+  if (!text || text->size() > longest || has_control(*text, lines == Lines::kAny ? "\n\t" : ""))
+    throw RequestError(400, "'" + std::string(name) + "' must be " + (lines == Lines::kAny ? "a text" : "one line") +
+                                " of at most " + std::to_string(longest) + " bytes without control characters");
+  return *text;
+}
 
 std::vector<std::string> tags_of(const Json& json) {
   const RequestError wrong(400, "'tags' must be at most " + std::to_string(kMostTags) + " different texts of 1 to " +
@@ -39,14 +59,14 @@ std::vector<std::string> tags_of(const Json& json) {
 }
 
 std::optional<std::string> note_of(const Json& object) {
-  return read_request([&] { return text_member(object, "note", kLongestNote, Lines::kAny); });
+  return text_member(object, "note", kLongestNote, Lines::kAny);
 }
 
 double number_of(const Json& json) { return json.is_number() ? json.get<double>() : std::nan(""); }
 
 /// Returns the line of a member; empty where it is missing.
 std::string line_of(const Json& object, const char* name, std::size_t longest) {
-  return read_request([&] { return text_member(object, name, longest); }).value_or("");
+  return text_member(object, name, longest).value_or("");
 }
 
 Json speed_json(double speed) { return speed == 0 ? Json("max") : Json(speed); }

@@ -41,7 +41,12 @@ std::uint64_t parsed_hash(const std::string& text) {
 
 nlohmann::json object_of(const Query& query, std::initializer_list<const char*> known) {
   allow_only(query, {});
-  nlohmann::json json = read_request([&] { return parse_json(query.body, "the body"); });
+  nlohmann::json json;
+  try {
+    json = parse_json(query.body, "the body");
+  } catch (const Error& error) {
+    throw RequestError(400, error.what());
+  }
   if (!json.is_object()) throw RequestError(400, "the body must be a JSON object of " + joined(known));
   for (const auto& [name, value] : json.items())
     if (std::find(known.begin(), known.end(), name) == known.end())

@@ -63,16 +63,6 @@ std::optional<Number> number_parameter(const Query& query, const char* name, Num
   return value;
 }
 
-/// Returns what `read()` makes of what a client sent. Throws RequestError in place of Error: the client is wrong.
-template <class Read>
-auto read_request(Read read) {
-  try {
-    return read();
-  } catch (const Error& error) {
-    throw RequestError(400, error.what());
-  }
-}
-
 /// Returns the object in the request's body, which may have the members `known` alone.
 nlohmann::json object_of(const Query& query, std::initializer_list<const char*> known);
 

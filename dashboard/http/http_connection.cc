@@ -189,7 +189,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
       if (!parser.is_done()) co_await http::async_read(stream_, buffer_, parser, with(error));
     }
     if (error) {
-      const std::optional<Reply> answer = error_of(error, most_bytes);
+      const std::optional<Reply> answer = error_of(error);
       if (answer) co_await send(*answer, parser.get(), false);
       co_return false;
     }
@@ -215,12 +215,12 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
   }
 
   /// Returns nothing for a connection that just ended.
-  std::optional<Reply> error_of(const error_code& error, std::size_t most_bytes) const {
+  std::optional<Reply> error_of(const error_code& error) const {
     const ServerOptions& options = context_.options;
     if (error == http::error::header_limit || error == http::error::buffer_overflow)
       return error_reply(431, "the header is larger than " + std::to_string(options.header_bytes) + " bytes");
     if (error == http::error::body_limit)
-      return error_reply(413, "the body is larger than " + std::to_string(most_bytes) + " bytes");
+      return error_reply(413, "the body is larger than " + std::to_string(options.body_bytes) + " bytes");
     if (error == http::error::end_of_stream || error == http::error::partial_message) return std::nullopt;
     if (error.category() != http::make_error_code(http::error::bad_method).category()) return std::nullopt;
     return error_reply(400, "this is not HTTP: " + error.message());
