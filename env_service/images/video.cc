@@ -173,7 +173,7 @@ class VideoTrack {
     pending_ = ends_early_ = false;
   }
 
-  /// Takes the first video track, one that players show if there is any. A cover is no video.
+  /// Takes the first video track, one that players show if there is any. A cover picture is not a video.
   void choose_stream() {
     stream_ = nullptr;
     tracks_ = 0;

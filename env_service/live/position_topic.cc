@@ -17,7 +17,7 @@ constexpr double kNullIsland = 1e-3;  // degrees around 0,0
 constexpr double kMaxMetres = 1e8;    // from the origin of a frame
 constexpr double kMaxVariance = 100;  // square metres
 
-/// Returns why this is no position; empty when it is one.
+/// Returns why this is not a position; empty when it is one.
 const char* fault_of(double x, double y, bool degrees) {
   if (!std::isfinite(x) || !std::isfinite(y)) return "is NaN or infinite";
   if (!degrees) return std::hypot(x, y) > kMaxMetres ? "is over 100,000 km from the origin" : "";

@@ -22,7 +22,7 @@ class PositionTopic {
     std::uint64_t stamp = 0;  ///< as stamp_of()
     double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
     std::string frame = {};   ///< in which metres are, as "map"; may be empty
-    std::string fault = {};   ///< why it is no position: it "has no fix"; empty: it is one
+    std::string fault = {};   ///< why it is not a position: it "has no fix"; empty: it is one
     std::string doubt = {};   ///< what else is wrong with it: it "has no stamp"
   };
   /// Returns the metres between two positions of one source.
