@@ -227,7 +227,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
                    std::chrono::duration<double>(now_ - last_heard).count());
   }
   watch_policy(sender);
-  outbox_.believe(settings.header(), now_);  // that its predecessor stops may be lost
+  outbox_.force_successor(settings.header(), now_);  // that its predecessor stops may be lost
   newest_ = id;
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;

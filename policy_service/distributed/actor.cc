@@ -160,7 +160,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
   }
   session_ = std::make_unique<LearnerSession>(node_, info, workers_);
-  session_->outbox.continue_after(acknowledged_[info.header().incarnation()]);
+  session_->outbox.begin(session_->learner(), acknowledged_[info.header().incarnation()]);
   client_.require(session_->requirements());
   warned_ = false;
   next_status_ = Clock::now();
@@ -361,16 +361,11 @@ void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledge
     return;
   answered_ = true;
   TrajectoryOutbox& outbox = session_->outbox;
-  switch (outbox.acknowledge(acknowledgement.number(), acknowledgement.limit())) {
-    case TrajectoryOutbox::Result::kNeverSent:
-      rejections_.add(acknowledgement.header(), "an acknowledgement of trajectories that were never sent");
-      return;
-    case TrajectoryOutbox::Result::kOutdated:
-      ++node_.traffic.repeated;
-      return;
-    case TrajectoryOutbox::Result::kAccepted:
-      break;
-  }
+  const LogSender::Acknowledged result = outbox.acknowledge(acknowledgement);
+  if (result == LogSender::Acknowledged::kImpossible)
+    rejections_.add(acknowledgement.header(), "an acknowledgement of trajectories that were never sent");
+  if (result == LogSender::Acknowledged::kRepeated) ++node_.traffic.repeated;
+  if (result != LogSender::Acknowledged::kYes) return;
   for (auto& [env, served] : served_)
     while (!served.segments.empty() && served.segments.front() <= outbox.acknowledged()) served.segments.pop_front();
   outbox.send_due();

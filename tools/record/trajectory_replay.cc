@@ -36,6 +36,7 @@ void TrajectoryReplay::on_info(const msg::LearnerInfo& info) {
                   "learner '" + info.header().sender().to_string() + "'", "play it again");
     spdlog::info("plays to learner '{}'", info.header().sender().c_str());
     next_status_ = progress_ = Clock::now();
+    outbox_.begin(info.header().sender().c_str(), 0);
   }
   info_ = info;
   ended_ = !info.training();
@@ -46,7 +47,7 @@ void TrajectoryReplay::on_acknowledgement(const msg::TrajectoryAcknowledgement& 
       a.header().incarnation() != info_.header().incarnation())
     return;
   const std::uint64_t before = outbox_.acknowledged();
-  if (outbox_.acknowledge(a.number(), a.limit()) != TrajectoryOutbox::Result::kAccepted) return;
+  if (outbox_.acknowledge(a) != LogSender::Acknowledged::kYes) return;
   // Without room it waits for others, or learns.
   if (outbox_.acknowledged() > before || a.limit() <= a.number()) progress_ = Clock::now();
 }

@@ -332,7 +332,7 @@ TEST(EpisodeOutbox, BelievesThePolicyServiceThatIsInChargeAtOnce) {
   msg::Header header;
   header.sender() = "policy";
   header.incarnation() = 2;
-  fixture.outbox.believe(header, fixture.now);
+  fixture.outbox.force_successor(header, fixture.now);
   EXPECT_EQ(fixture.acknowledge("policy", 3, false, 2), Acknowledged::kYes);
   EXPECT_EQ(fixture.outbox.kept(), 0u);
 }
