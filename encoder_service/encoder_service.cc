@@ -9,7 +9,7 @@
 #include <tuple>
 #include <utility>
 
-#include "core/presence/incumbent.h"
+#include "core/exchange/incumbent.h"
 #include "core/util/random.h"
 #include "encoder_service/pipeline/encoding_pipeline.h"
 #include "encoder_service/pipeline/learned_files.h"

@@ -10,8 +10,8 @@
 #include <string>
 #include <utility>
 
-#include "core/presence/incumbent.h"
-#include "core/presence/message_order.h"
+#include "core/exchange/incumbent.h"
+#include "core/exchange/message_order.h"
 #include "core/util/name.h"
 #include "core/util/text.h"
 #include "core/wire/rejections.h"

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/incumbent.h"
+#include "core/exchange/message_order.h"
 #include "core/exchange/timing.h"
-#include "core/presence/incumbent.h"
-#include "core/presence/message_order.h"
 #include "idl/episode.h"
 
 namespace citylearn {

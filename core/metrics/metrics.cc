@@ -7,10 +7,10 @@
 #include <mutex>
 #include <optional>
 
+#include "core/exchange/presence.h"
+#include "core/exchange/service_state.h"
 #include "core/metrics/exposition.h"
 #include "core/metrics/metrics_server.h"
-#include "core/presence/presence.h"
-#include "core/presence/service_state.h"
 #include "core/task/training_figures.h"
 #include "core/util/version.h"
 #include "idl/message_fields.h"

@@ -6,7 +6,7 @@
 #include <algorithm>
 
 #include "core/dds/security.h"
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "core/util/log_format.h"
 #include "core/util/machine.h"
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "core/presence/incumbent.h"
+#include "core/exchange/incumbent.h"
 #include "core/wire/node.h"
 #include "dashboard/http/hub.h"
 #include "dashboard/live/live_view.h"

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "core/presence/service_state.h"
+#include "core/exchange/service_state.h"
 
 namespace citylearn {
 namespace {

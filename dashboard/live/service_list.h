@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/dds/middleware.h"
-#include "core/presence/incumbent.h"
+#include "core/exchange/incumbent.h"
 #include "core/wire/messages.h"
 #include "dashboard/store/store.h"
 

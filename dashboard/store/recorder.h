@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "core/wire/node.h"
 #include "core/wire/rejections.h"
 #include "dashboard/store/store.h"

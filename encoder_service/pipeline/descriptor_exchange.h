@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "core/wire/blob.h"
 #include "core/wire/node.h"
 #include "encoder_service/pipeline/block_claims.h"

@@ -6,7 +6,7 @@
 #include <set>
 #include <string>
 
-#include "core/presence/incumbent.h"
+#include "core/exchange/incumbent.h"
 #include "core/wire/node.h"
 #include "core/wire/rejections.h"
 #include "policy_service/distributed/assignments.h"

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "core/wire/node.h"
 
 namespace citylearn {

@@ -5,8 +5,8 @@
 #include <memory>
 #include <string>
 
-#include "core/presence/incumbent.h"
-#include "core/presence/message_order.h"
+#include "core/exchange/incumbent.h"
+#include "core/exchange/message_order.h"
 #include "core/wire/node.h"
 #include "policy_service/env_client/feature_cache.h"
 

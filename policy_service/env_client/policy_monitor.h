@@ -5,7 +5,7 @@
 #include <map>
 #include <string>
 
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "core/wire/messages.h"
 
 namespace citylearn {

@@ -8,7 +8,7 @@
 
 #include <algorithm>
 
-#include "core/presence/incumbent.h"
+#include "core/exchange/incumbent.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "core/presence/service_state.h"
+#include "core/exchange/service_state.h"
 #include "core/util/ipv4.h"
 #include "core/util/text.h"
 #include "core/util/wall_clock.h"

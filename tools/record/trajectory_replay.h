@@ -8,7 +8,7 @@
 #include <tuple>
 #include <vector>
 
-#include "core/presence/incumbent.h"
+#include "core/exchange/incumbent.h"
 #include "core/recording/mcap.h"
 #include "core/wire/node.h"
 #include "policy_service/distributed/trajectory_outbox.h"

@@ -4,7 +4,7 @@
 #include <map>
 #include <string>
 
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "core/wire/node.h"
 #include "dashboard/live/maps.h"
 #include "dashboard/live/pictures.h"

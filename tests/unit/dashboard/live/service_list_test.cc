@@ -2,7 +2,7 @@
 // Which services live, by their heartbeats.
 #include <gtest/gtest.h>
 
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "dashboard/live/live.h"
 #include "tests/support/records/records.h"
 #include "tests/support/wait.h"

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "core/presence/presence.h"
+#include "core/exchange/presence.h"
 #include "idl/common.h"
 
 namespace citylearn {

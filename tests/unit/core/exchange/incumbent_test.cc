@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/presence/incumbent.h"
+#include "core/exchange/incumbent.h"
 
 #include <gtest/gtest.h>
 
