@@ -11,6 +11,7 @@
 #include <optional>
 #include <shared_mutex>
 
+#include "core/exchange/timing.h"
 #include "core/metrics/exposition.h"
 #include "core/wire/service.h"
 #include "dashboard/api/api.h"
@@ -143,7 +144,8 @@ struct Watch {
         live(node, hub, live_options()),
         archive(RouteStore(*store), live),
         api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
-             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get()},
+             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence.count(),
+             playback.get()},
             *store, &live) {
     live.on_event = [this](const Event& event) { store->record(event); };
     recorder.on_event = [this](const Event& event) { live.publish(event); };
@@ -287,8 +289,7 @@ int serve(CommandLine& line) {
       hub.forget();
       watch->node.report(msg::RUNNING, "serving " + server.url());
     }
-    watch->node.wait(
-        std::min({watch->recorder.due(), watch->live.due(), Clock::now() + std::chrono::milliseconds(50)}));
+    watch->node.wait(std::min({watch->recorder.due(), watch->live.due(), Clock::now() + kStopCheck}));
   }
   watch->recorder.finish(line.leave);
   return 0;

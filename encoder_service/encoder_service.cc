@@ -10,19 +10,13 @@
 #include <utility>
 
 #include "core/exchange/incumbent.h"
+#include "core/exchange/timing.h"
 #include "core/util/random.h"
 #include "encoder_service/pipeline/encoding_pipeline.h"
 #include "encoder_service/pipeline/learned_files.h"
 
 namespace citylearn {
 namespace {
-
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
-constexpr milliseconds kIdleInterval{50};  // between checks of `stop`
-constexpr seconds kUnserved{6};            // without a completed TraversalInfo, though the encoder_service lives
-constexpr milliseconds kBusyInterval{5};   // between checks of what the background threads have done
 
 /// An env_service whose traversal has images.
 struct Environment {
@@ -122,7 +116,7 @@ void EncoderService::run(const std::function<bool()>& stop) {
     assign_environments();
     listen_when_needed();
     if (now_ >= next_report_) report();
-    node_.wait(now_ + (pipeline_.busy() ? kBusyInterval : kIdleInterval));
+    node_.wait(now_ + (pipeline_.busy() ? kEncoderBusyInterval : kStopCheck));
   }
   pipeline_.finish();  // what is encoded already is worth keeping
   node_.report(msg::STOPPING, "stopping");
@@ -359,7 +353,7 @@ void EncoderService::send_info(const Environment& environment) {
 }
 
 void EncoderService::report() {
-  next_report_ = now_ + seconds(1);
+  next_report_ = now_ + kHeartbeat;
   msg::State state = msg::WAITING;
   std::string activity;
   int served = 0;

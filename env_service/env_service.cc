@@ -12,6 +12,7 @@
 
 #include "core/exchange/incumbent.h"
 #include "core/exchange/message_order.h"
+#include "core/exchange/timing.h"
 #include "core/util/name.h"
 #include "core/util/text.h"
 #include "core/wire/rejections.h"
@@ -25,13 +26,8 @@ namespace citylearn {
 namespace {
 
 using std::chrono::milliseconds;
-using std::chrono::seconds;
 
-constexpr milliseconds kObservationInterval{50}, kLongestObservationInterval{1000};  // between repetitions
 constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
-constexpr seconds kInfoInterval{1};
-constexpr milliseconds kUnheardLinger{500};  // at the end, for acknowledgements of recorders that were never heard
-constexpr milliseconds kStopCheck{50};
 constexpr char kNotInCharge[] = "an action of a service that is not in charge";
 constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
 
@@ -356,7 +352,7 @@ void EnvService::on_status(const msg::ServiceStatus& status) {
 
 void EnvService::send_info() {
   node_.publish(info_);
-  next_info_ = now_ + kInfoInterval;
+  next_info_ = now_ + kHeartbeat;
 }
 
 void EnvService::send_observation() {
@@ -364,7 +360,7 @@ void EnvService::send_observation() {
   node_.publish(observation_);
   // After the last task the observation shows that all agents are idle and needs no answer.
   awaiting_action_ = !environment_.done();
-  observation_interval_ = kObservationInterval;
+  observation_interval_ = kObservationResend;
   next_observation_ = now_ + observation_interval_;
 }
 
@@ -401,7 +397,7 @@ void EnvService::do_due_work() {
   if (running() && now_ >= next_observation_) {
     node_.publish(observation_);
     ++node_.traffic.resent;
-    observation_interval_ = std::min<Clock::duration>(2 * observation_interval_, kLongestObservationInterval);
+    observation_interval_ = std::min<Clock::duration>(2 * observation_interval_, kObservationResendMax);
     next_observation_ = now_ + observation_interval_;
   }
   if (running() && !policy_silent_ && !policy_.here(now_)) {
@@ -435,7 +431,7 @@ void EnvService::report() {
   const float rate = elapsed > 0 ? static_cast<float>(static_cast<double>(steps_) / elapsed) : 0;
   steps_ = 0;
   last_report_ = now_;
-  next_report_ = now_ + seconds(1);
+  next_report_ = now_ + kHeartbeat;
   msg::State state = msg::WAITING;
   std::string activity = "waiting for a policy_service";
   if (!refusal_.empty()) {
@@ -470,7 +466,7 @@ void EnvService::leave() {
   if (live_) live_->stop();
   const auto worth_waiting = [&] {
     if (outbox_.kept() == 0 || node_.readers<msg::EpisodeStat>() == 0) return false;
-    return now_ < begin + (outbox_.recorder_expected(now_) ? std::chrono::ceil<milliseconds>(linger_) : kUnheardLinger);
+    return now_ < begin + (outbox_.recorder_expected(now_) ? std::chrono::ceil<milliseconds>(linger_) : kLingerUnheard);
   };
   now_ = begin;
   outbox_.hurry(now_);

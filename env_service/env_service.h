@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "core/wire/node_options.h"
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
@@ -26,7 +27,7 @@ struct EnvServiceOptions {
   int agents = 16;                       ///< M, 1..msg::MAX_AGENTS
   Imperfections imperfections;           ///< what befalls agents; imperfect() makes a traversal that fits
   std::vector<std::string> recorders;    ///< ids of recorders that episodes are kept for before they are heard of
-  double linger = 5;                     ///< seconds, at the end, for live recorders to acknowledge
+  double linger = kLinger.count();       ///< seconds, at the end, for live recorders to acknowledge
   std::optional<LiveOptions> live = {};  ///< the traversal is what this robot was taught; it is the only agent
 };
 

@@ -3,23 +3,19 @@
 
 #include <utility>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
-namespace {
-
-constexpr std::chrono::milliseconds kInterval{100};
-constexpr std::chrono::seconds kAgain{1};  // while nothing moves: one may be lost
-
-}  // namespace
 
 void SceneSender::send(Clock::time_point now, const msg::TraversalInfo& info, const msg::TaskSettings* settings) {
   if (now < next_) return;
-  next_ = now + kInterval;
+  next_ = now + kSceneInterval;
   const int watchers = node_.readers<msg::Scene>();
   const bool more = watchers > std::exchange(watchers_, watchers);
   if (watchers == 0) return;
   const std::uint64_t step = settings ? environment_.ticks() : 0;
   if (!more && scene_.settings() == info.settings() && scene_.step() == step && now < again_) return;
-  again_ = now + kAgain;
+  again_ = now + kHeartbeat;
   scene_ = msg::Scene();
   if (settings) {
     environment_.observe(scene_);

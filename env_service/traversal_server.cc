@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/util/error.h"
 #include "core/util/name.h"
 #include "core/wire/blob.h"
@@ -17,9 +18,6 @@
 namespace citylearn {
 namespace {
 
-/// A picture that was sent within so long is on its way: a request that comes meanwhile has crossed it. Services ask
-/// again for what was lost after more than this.
-constexpr std::chrono::milliseconds kCrossing{200};
 constexpr std::uint32_t kWhole = std::numeric_limits<std::uint32_t>::max();  // all chunks
 
 }  // namespace
@@ -88,7 +86,7 @@ void TraversalServer::read_image(std::uint32_t frame, std::string& name) {
 
 void TraversalServer::note(const msg::ImageRequest& request) {
   if (!addressed(request)) return;
-  std::erase_if(sent_, [now = Clock::now()](const auto& sent) { return now > sent.second.at + kCrossing; });
+  std::erase_if(sent_, [now = Clock::now()](const auto& sent) { return now > sent.second.at + kObjectCrossing; });
   const std::string service = request.header().sender().c_str();
   PictureOrder& order = orders_[service];
   std::uint32_t first_chunk = request.first_chunk();

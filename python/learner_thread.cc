@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/learning/optimization/random_streams.h"
 #include "policy_service/learning/optimization/saved_state.h"
@@ -13,10 +14,6 @@
 #include "python/errors.h"
 
 namespace citylearn::python {
-
-using std::chrono::milliseconds;
-
-constexpr milliseconds kSlice{50};
 
 /// What the two threads tell each other.
 struct LearnerThread::Exchange {
@@ -117,7 +114,7 @@ LearnerThread::~LearnerThread() {
 /// Waits until done(), which is called under the lock.
 void LearnerThread::wait(const Interrupt& interrupt, const std::function<bool()>& done) const {
   std::unique_lock lock(exchange_->mutex);
-  while (!exchange_->changed.wait_for(lock, kSlice, done)) {
+  while (!exchange_->changed.wait_for(lock, kStopCheck, done)) {
     lock.unlock();
     interrupt();
     lock.lock();
@@ -153,7 +150,7 @@ void LearnerThread::run() {
         x.progress = training.trainer()->progress();
         x.changed.notify_all();
       }
-      x.changed.wait_for(lock, kSlice, [&x] { return x.answer || x.stop; });
+      x.changed.wait_for(lock, kStopCheck, [&x] { return x.answer || x.stop; });
       return x.answer.has_value();
     };
     bool dismiss = true;

@@ -15,6 +15,7 @@
 #include <future>
 #include <optional>
 
+#include "core/exchange/timing.h"
 #include "core/util/log_format.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/run_context.h"
@@ -101,7 +102,7 @@ class Envs {
   py::tuple receive() {
     {
       const py::gil_scoped_release no_gil;
-      while (done_.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready) check_signals();
+      while (done_.wait_for(kStopCheck) != std::future_status::ready) check_signals();
       done_.get();
     }
     const Columns columns = std::move(*pending_);

@@ -4,6 +4,7 @@
 #include <mutex>
 #include <thread>
 
+#include "core/exchange/timing.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/env_client/env_client.h"
 #include "python/env_group.h"
@@ -11,11 +12,6 @@
 
 namespace citylearn::python {
 namespace {
-
-using std::chrono::milliseconds;
-
-constexpr milliseconds kSlice{50}, kIdle{500};
-constexpr std::chrono::seconds kRelease{2};
 
 std::string seconds_text(double seconds) { return std::to_string(static_cast<int>(seconds)) + " s"; }
 
@@ -88,7 +84,7 @@ class RemoteGroup : public EnvGroup {
           throw ServiceMissing(
               (env->alive() ? "has not answered for " : "has been silent for ") + seconds_text(options_.wait),
               "env_service '" + env->id + "'", "start it again, then call reset()");
-        client_.spin(Clock::now() + kSlice);
+        client_.spin(Clock::now() + kStopCheck);
         interrupt();
       }
     std::size_t row = 0;
@@ -124,7 +120,7 @@ class RemoteGroup : public EnvGroup {
                              "",
                              "same session '" + options_.node.session + "', domain " +
                                  std::to_string(options_.node.middleware.domain) + " and interface there?");
-      client_.spin(Clock::now() + kSlice);
+      client_.spin(Clock::now() + kStopCheck);
       interrupt();
     }
     envs_.resize(static_cast<std::size_t>(options_.services));
@@ -141,7 +137,7 @@ class RemoteGroup : public EnvGroup {
 
   void answer_wire(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
-    while (!wake_.wait_for(lock, stop, kIdle, [&stop] { return stop.stop_requested(); })) {
+    while (!wake_.wait_for(lock, stop, kPythonIdle, [&stop] { return stop.stop_requested(); })) {
       try {
         client_.spin(Clock::now());
       } catch (...) {
@@ -155,7 +151,7 @@ class RemoteGroup : public EnvGroup {
     msg::TaskSettings idle;
     idle.task_mode() = msg::IDLE;
     for (EnvHandle* env : envs_) client_.command(*env, idle);
-    const Clock::time_point until = Clock::now() + kRelease;
+    const Clock::time_point until = Clock::now() + kPythonRelease;
     for (const EnvHandle* env : envs_)
       while (!env->in_force && env->alive() && Clock::now() < until) client_.spin(until);
     client_.end_recording();

@@ -422,7 +422,7 @@ class FastMiddleware : public Middleware {
   }
   /// Returns the period for a new writer. One that all services read sends each of them every heartbeat until the last
   /// one has answered, and it has most often been created before any other participant was discovered. What a service
-  /// says last must still be repeated many times within kLastMessages of core/wire/messenger.cc.
+  /// says last must still be repeated many times within kFlushTimeout.
   std::uint32_t heartbeat_period(const Topic& topic) {
     if (topic.read_by_all) return kHeartbeatToAll;
     const auto participants = static_cast<std::uint32_t>(std::min<std::size_t>(discovery_.participants().size(), 1000));

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "core/exchange/presence.h"
+#include "core/exchange/timing.h"
 
 namespace citylearn {
 
@@ -11,10 +12,6 @@ namespace citylearn {
 /// compares no clocks of other hosts, so a wrong clock and a forged start time replace nobody. Used by one thread.
 class Incumbent {
  public:
-  /// The incumbent is replaced after so long without a word, if the other process is heard all that time. Longer than
-  /// the time between two heartbeats.
-  static constexpr std::chrono::seconds kHandover{2};
-
   enum class Heard {
     kIncumbent,  ///< the process that speaks for the id
     kSuccessor,  ///< it does from now on, and did not before

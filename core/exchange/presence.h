@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <chrono>
 #include <compare>
 
+#include "core/exchange/timing.h"
 #include "core/util/types.h"
 
 namespace citylearn {
-
-/// A service that was not heard for so long counts as gone. Heartbeats go out every second.
-inline constexpr std::chrono::seconds kSilence{3};
 
 /// When one service was last heard.
 class Presence {

@@ -6,18 +6,16 @@
 #include <cmath>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/recording/wire_header.h"
 
 namespace citylearn {
 namespace {
 
-using std::chrono::milliseconds;
-
 constexpr int kAtOnce = 256;  // messages of a turn
 
 // A writer keeps few messages for readers that are behind (core/dds/middleware.h). So it is given time: these many of
-// them within kPeriod, half of what it keeps.
-constexpr milliseconds kPeriod{20};
+// them within kReplayPeriod, half of what it keeps.
 int most_in_period(Profile profile) {
   switch (profile) {
     case Profile::kState:
@@ -35,12 +33,6 @@ int most_in_period(Profile profile) {
 
 constexpr std::size_t kUnacknowledged = 128;  // episodes of an env_service
 constexpr std::size_t kAgainAtOnce = 32;
-constexpr milliseconds kAgain{300};
-constexpr milliseconds kPatience{2000};  // with readers that do not come and recorders that do not answer
-constexpr milliseconds kQuiet{1500};     // without a request: a recorder asks again after a second
-constexpr milliseconds kStateAgain{1000};
-constexpr milliseconds kLongestEnd{30000};
-constexpr milliseconds kGlance{5};
 constexpr std::size_t kMostVoices = 4096;
 constexpr std::size_t kMostInboxes = 4096;
 
@@ -124,7 +116,7 @@ void Replayer::on_acknowledgement() {
   for (const auto& [id, mark] : episodes.marks) least = std::min(least, mark);
   if (std::erase_if(episodes.waiting, [&](const auto& entry) { return entry.first <= least; }) == 0) return;
   episodes.progress = quiet_since_ = Clock::now();
-  episodes.again = episodes.progress + kAgain;
+  episodes.again = episodes.progress + kReplayResend;
 }
 
 void Replayer::on_request() {
@@ -158,7 +150,7 @@ void Replayer::on_chunk_request() {
 void Replayer::send_again(Clock::time_point now) {
   for (auto& [sender, episodes] : episodes_) {
     if (episodes.waiting.empty() || now < episodes.again) continue;
-    if (now - episodes.progress >= kPatience) {
+    if (now - episodes.progress >= kReplayTimeout) {
       if (!episodes.marks.empty())
         figures_.remarks.push_back("'" + episodes.marks.begin()->first + "' has not recorded episode " +
                                    std::to_string(episodes.waiting.front().first) + " of '" + sender.first +
@@ -172,7 +164,7 @@ void Replayer::send_again(Clock::time_point now) {
       episodes.voice->publisher->publish(episodes.waiting[i].second);
       ++figures_.repeated;
     }
-    episodes.again = now + kAgain;
+    episodes.again = now + kReplayResend;
   }
 }
 
@@ -257,12 +249,12 @@ bool Replayer::must_wait(Voice& voice, Clock::time_point now) {
     const std::string& topic = voice.topic->name;
     if (voice.publisher->matched() > 0) {
       heard_.insert(topic);
-    } else if (counts && now - (heard_.contains(topic) ? voice.made : *begun_) < kPatience) {
+    } else if (counts && now - (heard_.contains(topic) ? voice.made : *begun_) < kReplayTimeout) {
       return true;
     }
     voice.awaited = true;
   }
-  if (now - voice.period >= kPeriod) {
+  if (now - voice.period >= kReplayPeriod) {
     voice.period = now;
     voice.in_period = 0;
   }
@@ -299,10 +291,10 @@ void Replayer::keep_episode(Voice& voice, Clock::time_point now) {
   Episodes& episodes = episodes_[next_->sender];
   episodes.voice = &voice;
   // Without a recorder that acknowledges, none is waited for.
-  if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kPatience)) return;
+  if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kReplayTimeout)) return;
   if (episodes.waiting.empty()) {
     episodes.progress = now;
-    episodes.again = now + kAgain;
+    episodes.again = now + kReplayResend;
   }
   episodes.waiting.emplace_back(episode_.episode(), bytes_);
 }
@@ -333,14 +325,14 @@ bool Replayer::settled(Clock::time_point now) {
   if (!over_) over_ = quiet_since_ = now;
   const bool waited_for =
       std::any_of(episodes_.begin(), episodes_.end(), [](const auto& entry) { return !entry.second.waiting.empty(); });
-  if ((!waited_for && now - quiet_since_ >= kQuiet) || now - *over_ >= kLongestEnd) return true;
+  if ((!waited_for && now - quiet_since_ >= kReplayQuiet) || now - *over_ >= kReplayEnd) return true;
   // A recorder asks for statistics only while it hears of the run.
   if (now >= next_state_) {
-    next_state_ = now + kStateAgain;
+    next_state_ = now + kHeartbeat;
     for (auto& [key, voice] : voices_)
       if (!voice.last.empty()) voice.publisher->publish(voice.last);
   }
-  due_ = now + kGlance;
+  due_ = now + kReplayPoll;
   return false;
 }
 
@@ -355,7 +347,7 @@ bool Replayer::poll() {
       return !settled(now);
     }
     if (const Clock::time_point due = clock_.due(next_->position); due > now) {
-      due_ = std::min(due, now + kAgain);
+      due_ = std::min(due, now + kReplayResend);
       held_since_.reset();  // a pause is not a wait for readers
       return true;
     }
@@ -369,7 +361,7 @@ bool Replayer::poll() {
     Voice& to = voice(*next_->topic, next_->to.at(next_->published), next_->sender);
     if (must_wait(to, now)) {
       if (!held_since_) held_since_ = now;
-      due_ = now + kGlance;
+      due_ = now + kReplayPoll;
       return true;
     }
     if (held_since_) {

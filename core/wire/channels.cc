@@ -4,10 +4,11 @@
 #include <algorithm>
 #include <chrono>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
 namespace {
 
-constexpr std::chrono::seconds kIdle{10};   // then a writer to a receiver is deleted; longer than kSilence
 constexpr std::size_t kMostWriters = 4096;  // then the one that was used longest ago is
 
 }  // namespace
@@ -30,8 +31,9 @@ Channels::Writer& Channels::writer(const Address& address) {
 
 void Channels::delete_idle_writers(Clock::time_point now) {
   if (addressing_ != Addressing::kReceiver) return;
-  std::erase_if(writers_,
-                [&](const auto& entry) { return entry.first != Address{} && now - entry.second.used > kIdle; });
+  std::erase_if(writers_, [&](const auto& entry) {
+    return entry.first != Address{} && now - entry.second.used > kWriterLifetime;
+  });
 }
 
 void Channels::wait_for_acknowledgments(Clock::time_point deadline) {

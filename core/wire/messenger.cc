@@ -6,14 +6,13 @@
 #include <algorithm>
 #include <atomic>
 
+#include "core/exchange/timing.h"
 #include "core/util/machine.h"
 #include "core/util/name.h"
 #include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
-
-constexpr std::chrono::milliseconds kLastMessages{500};  // for readers that do not acknowledge
 
 MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
   if (options.participant.empty()) options.participant = id;
@@ -57,7 +56,7 @@ Messenger::Messenger(const NodeOptions& options)
 
 Messenger::~Messenger() {
   // Otherwise one lost packet would be enough to lose the last messages.
-  const Clock::time_point deadline = Clock::now() + kLastMessages;
+  const Clock::time_point deadline = Clock::now() + kFlushTimeout;
   for (auto& [topic, channels] : channels_) channels.wait_for_acknowledgments(deadline);
 }
 

@@ -7,15 +7,14 @@
 
 #include "core/dds/security.h"
 #include "core/exchange/presence.h"
+#include "core/exchange/timing.h"
 #include "core/util/log_format.h"
 #include "core/util/machine.h"
 
 namespace citylearn {
 namespace {
 
-constexpr std::chrono::seconds kHeartbeat{1};
-constexpr double kNew = 10;          // seconds in which a process gives way to another one with its id
-constexpr double kSameMoment = 0.1;  // seconds between two starts that count as one
+using Seconds = std::chrono::duration<double>;
 
 }  // namespace
 
@@ -86,8 +85,9 @@ void Node::check_twin(const msg::ServiceStatus& status) {
     return;
   const std::string where = std::string(status.host().c_str()) + " (process " + std::to_string(status.process()) + ")";
   const double uptime = seconds_since(started_), older = status.uptime() - uptime;
-  const bool is_new = uptime < kNew && status_.service_state() != msg::RUNNING;
-  if (is_new && (older > kSameMoment || (older > -kSameMoment && header.incarnation() < incarnation_)))
+  const bool is_new = Seconds(uptime) < kTwinGrace && status_.service_state() != msg::RUNNING;
+  if (is_new &&
+      (Seconds(older) > kSameMoment || (Seconds(older) > -kSameMoment && header.incarnation() < incarnation_)))
     throw Error("already runs in session '" + options_.session + "' of domain " +
                     std::to_string(options_.middleware.domain) + " on " + where,
                 "id '" + options_.id + "'", "choose another --id or --session");

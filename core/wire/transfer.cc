@@ -6,10 +6,10 @@
 #include <cstring>
 #include <limits>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
 namespace {
-
-constexpr auto kAgain = std::chrono::milliseconds(200);
 
 static_assert(msg::MAX_CHUNK % sizeof(float) == 0, "a float never lies in two chunks");
 static_assert(std::uint64_t{msg::MAX_FRAMES} * (1 + std::uint64_t{msg::MAX_DIMENSION}) * sizeof(float) /
@@ -45,7 +45,7 @@ void ChunkLayout::fill(std::uint32_t chunk, std::span<const float> positions,
   });
 }
 
-Transfer::Transfer(const What& what) : what_(what), layout_(what.frames, what.dimension), timer_(kAgain) {
+Transfer::Transfer(const What& what) : what_(what), layout_(what.frames, what.dimension), timer_(kTraversalRetry) {
   if (what_.count == 0) what_.count = what_.frames - what_.first;
   first_chunk_ = layout_.first_chunk(what_.first);
   chunks_ = ChunkSet(layout_.last_chunk(what_.first + what_.count - 1) - first_chunk_ + 1);

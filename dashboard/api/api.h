@@ -25,11 +25,11 @@ namespace citylearn {
 class Api {
  public:
   struct Options {
-    std::string vendor, session;      ///< of the dashboard's node
-    std::uint32_t domain = 0;         ///< likewise
-    std::string recognition;          ///< folder of vpr's results; empty: none
-    std::function<bool()> recording;  ///< whether episodes reach the store now; unset: they do
-    double silence = kRunSilence;     ///< seconds without news after which a run counts as lost
+    std::string vendor, session;           ///< of the dashboard's node
+    std::uint32_t domain = 0;              ///< likewise
+    std::string recognition;               ///< folder of vpr's results; empty: none
+    std::function<bool()> recording;       ///< whether episodes reach the store now; unset: they do
+    double silence = kRunSilence.count();  ///< seconds without news after which a run counts as lost
     /// What is shown is a recording. Whether a run goes on is then said by its policy_service's heartbeats alone, as
     /// a recording may stand still.
     PlaybackControl* playback = nullptr;

@@ -8,6 +8,7 @@
 #include <charconv>
 #include <cstring>
 
+#include "core/exchange/timing.h"
 #include "core/task/training_figures.h"
 #include "dashboard/live/json.h"
 
@@ -15,12 +16,9 @@ namespace citylearn {
 namespace {
 
 using Json = nlohmann::json;
-using std::chrono::milliseconds;
 
 static_assert(std::endian::native == std::endian::little, "payloads are copied as they are");
 
-constexpr milliseconds kUpdate{100};    // watched topics, and rows of training
-constexpr milliseconds kServices{250};  // at most four times a second
 constexpr std::size_t kMostAsked = 64, kMostHosted = 4096, kMostRuns = 4096, kMostScenes = 256;
 
 std::string source_of(const msg::Header& header) {
@@ -105,7 +103,7 @@ void Live::report(const std::vector<Event>& events) {
 void Live::poll() {
   const Clock::time_point now = Clock::now();
   std::vector<Event> news;
-  due_ = now + kUpdate;
+  due_ = now + kLiveUpdate;
   {
     const std::lock_guard lock(mutex_);
     services_changed_ = services_.poll(options_.clock(), news) || services_changed_;
@@ -141,7 +139,7 @@ void Live::start_requested_fetches() {
 }
 
 void Live::update_watched_topics() {
-  next_update_ = Clock::now() + kUpdate;
+  next_update_ = Clock::now() + kLiveUpdate;
   const std::vector<std::string> list = hub_.watched();
   std::set<std::string> now(list.begin(), list.end());
   if (now == watched_) return;
@@ -174,7 +172,7 @@ void Live::update_watched_topics() {
 
 void Live::publish_services() {
   services_changed_ = false;
-  next_services_ = Clock::now() + kServices;
+  next_services_ = Clock::now() + kServicesUpdate;
   if (watched_.contains("services"))
     hub_.publish("services", Json::object(), bytes_of(text_of(services())), Hub::Merge::kReplace);
 }
@@ -231,7 +229,7 @@ void Live::publish_pictures() {
 }
 
 void Live::publish_training() {
-  next_rows_ = Clock::now() + kUpdate;
+  next_rows_ = Clock::now() + kLiveUpdate;
   for (auto& [topic, rows] : rows_) {
     if (rows.count == 0) continue;
     Json columns;

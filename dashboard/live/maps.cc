@@ -5,12 +5,9 @@
 
 #include <algorithm>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
-namespace {
-
-constexpr std::chrono::milliseconds kAgain{500};
-
-}  // namespace
 
 std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
   const auto found = maps_.find(hash);
@@ -21,8 +18,8 @@ std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
 
 void Maps::fetch(std::uint64_t hash, const std::string& session, const std::string& environment) {
   if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMost) return;
-  fetches_.try_emplace(
-      hash, Fetch{session, environment, std::make_shared<RouteMap>(), RequestTimer(kAgain, RequestTimer::kUsualTries)});
+  fetches_.try_emplace(hash, Fetch{session, environment, std::make_shared<RouteMap>(),
+                                   RequestTimer(kDashboardRetry, RequestTimer::kUsualTries)});
 }
 
 void Maps::poll(Clock::time_point now) {

@@ -5,14 +5,14 @@
 
 #include <algorithm>
 
+#include "core/exchange/timing.h"
 #include "dashboard/live/picture_shrink.h"
 
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostFetches = 4;      // at once: a picture may have 64 MiB
-constexpr std::chrono::seconds kLongest{2};  // pause: most of a long time was spent on waiting
-constexpr std::size_t kMostOriginals = 4;    // that wait to be made small
+constexpr std::size_t kMostFetches = 4;    // at once: a picture may have 64 MiB
+constexpr std::size_t kMostOriginals = 4;  // that wait to be made small
 
 }  // namespace
 
@@ -105,7 +105,8 @@ void Pictures::on_message(const msg::ImageChunk& chunk, Clock::time_point now) {
   fetch.timer.answered(now);
   if (fetch.file->complete()) {
     if (fetch.pause > 0)
-      next_spare_ = std::max(next_spare_, now + std::min<Clock::duration>(fetch.pause * (now - fetch.begun), kLongest));
+      next_spare_ =
+          std::max(next_spare_, now + std::min<Clock::duration>(fetch.pause * (now - fetch.begun), kPauseMax));
     shrink_later(found->first, fetch.file->release(), chunk.name().c_str());
     fetches_.erase(found);
   } else if (fetch.timer.is_due(now)) {

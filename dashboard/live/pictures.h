@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "core/wire/blob.h"
 #include "core/wire/node.h"
 #include "dashboard/live/picture_cache.h"
@@ -22,11 +23,11 @@ namespace citylearn {
 class Pictures {
  public:
   struct Options {
-    std::size_t most_bytes = std::size_t{64} << 20;  ///< kept
-    int widest = 640;                                ///< pixels
-    std::chrono::milliseconds between{100};          ///< requests of pictures
-    std::chrono::milliseconds patience{500};         ///< until a missing chunk is requested again
-    std::size_t most_waiting = 64;                   ///< beyond, the oldest are dropped
+    std::size_t most_bytes = std::size_t{64} << 20;        ///< kept
+    int widest = 640;                                      ///< pixels
+    std::chrono::milliseconds between = kPictureInterval;  ///< requests of pictures
+    std::chrono::milliseconds patience = kDashboardRetry;  ///< until a missing chunk is requested again
+    std::size_t most_waiting = 64;                         ///< beyond, the oldest are dropped
     /// Of pictures that nobody waits for: the pause after one, in times that it took, so that an env_service that works
     /// is busy with them for 2 % of its time, and an idle one for 20 %; and bytes a second, on average.
     int spare_pause = 50, idle_pause = 4;

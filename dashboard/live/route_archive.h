@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 
+#include "core/exchange/timing.h"
 #include "core/util/types.h"
 #include "dashboard/live/picture_shrink.h"
 #include "dashboard/live/route_source.h"
@@ -18,11 +19,11 @@ namespace citylearn {
 class RouteArchive {
  public:
   struct Options {
-    PictureLimits limits{320, std::size_t{16} << 10};  ///< of a stored picture
-    std::chrono::milliseconds between{100};            ///< two pictures, at least
-    std::chrono::milliseconds poll_after{50};          ///< while a picture is on its way
-    std::chrono::milliseconds look_again{2000};        ///< when nothing was missing
-    std::chrono::milliseconds retry_after{60000};      ///< of a picture that did not come; of the store when it failed
+    PictureLimits limits{320, std::size_t{16} << 10};      ///< of a stored picture
+    std::chrono::milliseconds between = kPictureInterval;  ///< two pictures, at least
+    std::chrono::milliseconds poll_after{50};              ///< while a picture is on its way
+    std::chrono::milliseconds look_again{2000};            ///< when nothing was missing
+    std::chrono::milliseconds retry_after{60000};  ///< of a picture that did not come; of the store when it failed
   };
   /// `store` and `source` must outlive it.
   RouteArchive(RouteStore store, RouteSource& source, const Options& options)

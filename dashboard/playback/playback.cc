@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/util/error.h"
 
 namespace citylearn {
@@ -20,8 +21,6 @@ std::unique_ptr<Middleware> inprocess(std::uint32_t domain) {
   options.participant = "playback";
   return create_middleware(options);
 }
-
-constexpr std::chrono::milliseconds kStopCheck{50};  // how often it checks whether to stop
 
 }  // namespace
 

@@ -14,9 +14,6 @@ constexpr std::size_t kEnough = 32;
 constexpr int kBatchesPerPoll = 4;  // others need the thread too
 constexpr int kTries = 5;           // for TrainingStats that do not come
 
-constexpr std::chrono::milliseconds kAnswerGoesOn{250};
-constexpr std::chrono::seconds kIdle{1};
-
 }  // namespace
 
 Recorder::Recorder(Node& node, Store& store, const Options& options) : node_(node), store_(store), options_(options) {
@@ -158,7 +155,7 @@ void Recorder::on_message(const msg::TrainingStat& stat) {
   if (stat.update() >= requests.first && stat.update() <= requests.last) {
     ++requests.answers;
     requests.tries = 0;
-    requests.next = Clock::now() + kAnswerGoesOn;
+    requests.next = Clock::now() + kNextReplyTimeout;
   }
   if (stats_.size() >= options_.most_at_once) return;  // the store is stuck; they are requested later
   if (episodes_.empty() && stats_.empty()) first_waits_ = Clock::now();
@@ -214,7 +211,7 @@ void Recorder::commit() {
 }
 
 void Recorder::poll() {
-  due_ = Clock::now() + kIdle;
+  due_ = Clock::now() + kHeartbeat;
   believe_successors();
   for (int batch = 0; batch < kBatchesPerPoll; ++batch) {
     take();
@@ -284,7 +281,7 @@ void Recorder::request_missing() {
 }
 
 void Recorder::finish(bool leave) {
-  const Clock::time_point deadline = Clock::now() + kIdle;
+  const Clock::time_point deadline = Clock::now() + kHeartbeat;
   bool more = true;
   while (more && !failing_ && Clock::now() < deadline) {
     take();

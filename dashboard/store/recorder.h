@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/exchange/presence.h"
+#include "core/exchange/timing.h"
 #include "core/wire/node.h"
 #include "core/wire/rejections.h"
 #include "dashboard/store/store.h"
@@ -22,11 +23,11 @@ namespace citylearn {
 class Recorder {
  public:
   struct Options {
-    std::size_t most_at_once = 2000;                 ///< episodes of a transaction
-    std::chrono::milliseconds gather{50};            ///< an episode waits at most so long for others
-    std::chrono::milliseconds request_after{300};    ///< TrainingStats may just be late
-    std::chrono::milliseconds retry_after{1000};     ///< without an answer; also when the store failed
-    std::chrono::milliseconds policy_silence{3000};  ///< after so long without RunInfo nothing is requested
+    std::size_t most_at_once = 2000;                        ///< episodes of a transaction
+    std::chrono::milliseconds gather = kCommitGather;       ///< an episode waits at most so long for others
+    std::chrono::milliseconds request_after = kStatsDelay;  ///< TrainingStats may just be late
+    std::chrono::milliseconds retry_after = kStatsRetry;    ///< without an answer; also when the store failed
+    std::chrono::milliseconds policy_silence = kSilence;    ///< after so long without RunInfo nothing is requested
   };
   /// `node` and `store` must outlive it.
   Recorder(Node& node, Store& store, const Options& options);

@@ -228,7 +228,7 @@ Store::Removal Store::remove(const std::string& name) {
     double last = 0;
     read_row(state, ended, last);
     if (heard != impl_->liveness.end()) last = std::max(last, heard->second.last);
-    return !ended && seconds_since_epoch() - last < kRunSilence;
+    return !ended && seconds_since_epoch() - last < kRunSilence.count();
   };
   const Removal possible = impl_->locked([&] {
     SQLite::Statement found(database, "SELECT id FROM runs WHERE name = ?");

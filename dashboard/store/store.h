@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "core/util/number_set.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/messages.h"
@@ -45,9 +46,6 @@ std::string run_id(const msg::RunInfo& info);
 std::string run_id(const std::string& session, const std::string& policy, std::uint64_t seed, std::uint64_t run_id);
 /// Returns the ID of the episodes of a session that no run has claimed: SESSION.
 std::string run_id(const std::string& session);
-
-/// Seconds without a RunInfo after which a run is not running. They come every second, but a long update delays one.
-inline constexpr double kRunSilence = 5;
 
 /// Keeps runs, episodes, training statistics and events for good, in one SQLite file that survives
 /// kill -9 and a full disk. This is its one writer; readers have connections of their own (store_reader.h). A method

@@ -131,7 +131,7 @@ bool BlockClaims::fill(Clock::time_point now, std::span<const std::uint64_t> pre
     return waits_for(entry.second, now) && entry.second.acknowledged < revision_;
   };
   const bool waiting = std::any_of(peers_.begin(), peers_.end(), lacks_acknowledgement);
-  if (!changed && !answer_now_ && !((waiting || answer_again_) && now >= sent_ + kRepeat)) return false;
+  if (!changed && !answer_now_ && !((waiting || answer_again_) && now >= sent_ + kClaimRepeat)) return false;
   if (other_claims || other_frames) {
     ++revision_;
     sent_encoding_ = std::move(encoding);

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "core/util/types.h"
 #include "idl/descriptor.h"
 
@@ -20,11 +21,6 @@ namespace citylearn {
 class BlockClaims {
  public:
   static constexpr int kFrames = static_cast<int>(msg::FRAMES_PER_BLOCK);  ///< in a block
-  /// After so long without a new acknowledgement another one is not waited for, so that one that hears nothing does not
-  /// stop the work. Longer than kSilence.
-  static constexpr std::chrono::seconds kDeaf{5};
-  static constexpr std::chrono::milliseconds kRepeat{200};          ///< between statuses that wait to be acknowledged
-  static constexpr std::chrono::milliseconds kPresentInterval{20};  ///< between those that tell of new frames only
 
   /// Another encoder_service of the session, and what it said last about the traversal.
   struct Peer {

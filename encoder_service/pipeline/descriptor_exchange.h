@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/exchange/presence.h"
+#include "core/exchange/timing.h"
 #include "core/wire/blob.h"
 #include "core/wire/node.h"
 #include "encoder_service/pipeline/block_claims.h"
@@ -20,7 +21,6 @@ namespace citylearn {
 class DescriptorExchange {
  public:
   /// So long after its start an encoder_service has heard the others, and may claim blocks.
-  static constexpr std::chrono::seconds kDiscovery{1};
 
   /// `node` must outlive it.
   explicit DescriptorExchange(Node& node);
@@ -31,7 +31,7 @@ class DescriptorExchange {
   void share(TraversalWork& work);
   /// Returns whether others take part.
   bool shared() const { return !peers_.empty(); }
-  bool may_claim(Clock::time_point now) const { return now >= started_ + kDiscovery; }
+  bool may_claim(Clock::time_point now) const { return now >= started_ + kEncoderSettle; }
 
   /// Takes the heartbeat of another encoder_service.
   void on_heartbeat(const msg::ServiceStatus& status, Clock::time_point now);
@@ -59,7 +59,7 @@ class DescriptorExchange {
     Blob blob{bytes};
     std::uint32_t checksum = 0;  // of the first chunk that came
     int damaged = 0;             // times in a row
-    RequestTimer timer{std::chrono::milliseconds(300), RequestTimer::kUsualTries};
+    RequestTimer timer{kDescriptorRetry, RequestTimer::kUsualTries};
   };
 
   BlockClaims& add(std::uint64_t hash, std::uint32_t frames);

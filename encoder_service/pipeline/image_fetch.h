@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "core/wire/blob.h"
 #include "core/wire/node.h"
 
@@ -44,7 +45,7 @@ class ImageFetch {
   std::deque<int> wanted_;     // in the order they are asked for
   std::map<int, Blob> files_;  // of wanted frames
   int asked_ = 0;              // frames of the last request that have not come
-  RequestTimer timer_{std::chrono::milliseconds(300)};
+  RequestTimer timer_{kImageRetry};
   msg::ImageRequest request_;
 };
 

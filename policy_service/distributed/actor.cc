@@ -8,6 +8,7 @@
 #include <deque>
 #include <memory>
 
+#include "core/exchange/timing.h"
 #include "core/util/machine.h"
 #include "core/wire/rejections.h"
 #include "core/wire/service.h"
@@ -18,14 +19,7 @@
 namespace citylearn {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
-constexpr seconds kStatusInterval{1};
-constexpr seconds kGivenUp{10};  // an env_service that does not confirm that it is idle is let go all the same
-constexpr std::size_t kMostLearners = 256;   // remembered
-constexpr milliseconds kLeaving{500};        // in which the learner should confirm the last status
-constexpr milliseconds kEndContested{1500};  // in which a learner that still trains says so: an end may be forged
+constexpr std::size_t kMostLearners = 256;  // remembered
 
 /// Returns an id that no other actor of the run has, on any host.
 std::string own_id() {
@@ -229,7 +223,7 @@ void Actor::let_go_of_released() {
   std::erase_if(released_, [&](const auto& entry) {
     const auto found = client_.envs().find(entry.first);
     if (found != client_.envs().end() && found->second->alive() && !found->second->lost() && !found->second->in_force &&
-        now - entry.second < kGivenUp)
+        now - entry.second < kReleaseGiveUp)
       return false;
     client_.detach(entry.first);
     return true;
@@ -287,7 +281,7 @@ void Actor::release_all() {
 }
 
 void Actor::send_status() {
-  next_status_ = Clock::now() + kStatusInterval;
+  next_status_ = Clock::now() + kHeartbeat;
   status_.learner() = session_ ? session_->info().header().sender().c_str() : "";
   status_.learner_incarnation() = session_ ? session_->info().header().incarnation() : 0;
   const ParametersUsed newest = session_ ? session_->newest_parameters() : nullptr;
@@ -374,7 +368,7 @@ void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledge
 // The loop.
 
 void Actor::spin() {
-  client_.spin(Clock::now() + milliseconds(50));
+  client_.spin(Clock::now() + kStopCheck);
   while (node_.take(info_)) on_info(info_);
   while (node_.take(assignment_)) on_assignment(assignment_);
   while (node_.take(chunk_)) on_parameters(chunk_);
@@ -418,7 +412,7 @@ void Actor::report() {
   const double rate = static_cast<double>(std::exchange(steps_, 0)) /
                       std::max(1e-3, std::chrono::duration<double>(now - last_report_).count());
   last_report_ = now;
-  next_report_ = now + seconds(1);
+  next_report_ = now + kHeartbeat;
   if (!session_) {
     node_.report(msg::WAITING, "waiting for a learner");
     return;
@@ -451,7 +445,7 @@ void Actor::leave() {
   send_status();
   const Clock::time_point deadline = Clock::now() + kLeaving;
   while (!answered_ && Clock::now() < deadline) {
-    client_.spin(std::min(deadline, Clock::now() + milliseconds(50)));
+    client_.spin(std::min(deadline, Clock::now() + kStopCheck));
     while (node_.take(info_)) continue;
     while (node_.take(assignment_)) continue;
     while (node_.take(chunk_)) continue;

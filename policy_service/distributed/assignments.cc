@@ -26,7 +26,7 @@ void Assignments::follow(const std::vector<Env>& envs, const std::vector<Actor>&
     const auto actor = alive.find(given.actor);
     const bool here = present.contains(incarnation) && actor != alive.end();
     const bool serves = here && actor->second->serves.contains(incarnation);
-    const bool left = here && !serves && (given.confirmed || ++given.waited > kPatience);
+    const bool left = here && !serves && (given.confirmed || ++given.waited > kMaxCalls);
     if (left) left_by_[incarnation] = given.actor;
     given.confirmed = serves;
     entry = here && !left ? std::next(entry) : given_.erase(entry);

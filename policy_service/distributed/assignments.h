@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
 
 /// Divides the env_services of a learner among its actors, evenly and with as few moves as possible. It handles no
@@ -36,11 +38,11 @@ class Assignments {
 
   /// Returns what has to be told, also what was told before and no actor has confirmed. An env_service is given to
   /// another actor only when none says that it serves it.
-  /// Call it about ten times a second: what an actor did not begin to serve in kPatience calls goes to another one.
+  /// Call it every kAssignInterval: what an actor did not begin to serve in kCommandGiveUp goes to another one.
   std::vector<Order> divide(const std::vector<Env>& envs, const std::vector<Actor>& actors);
 
  private:
-  static constexpr int kPatience = 300;
+  static constexpr int kMaxCalls = kCommandGiveUp / kAssignInterval;
   struct Given {
     std::string actor, env;
     bool confirmed = false;

@@ -6,17 +6,13 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/util/text.h"
 
 namespace citylearn {
 namespace {
 
-constexpr auto kInfoInterval = std::chrono::seconds(1);
-constexpr auto kRecentlyAsked = std::chrono::seconds(1);
 constexpr std::size_t kMostVersions = 4;
-constexpr auto kSettle = std::chrono::seconds(1);  // in which actors say what they serve, before any gets more
-constexpr auto kAssignInterval = std::chrono::milliseconds(100);
-constexpr auto kTellAgain = std::chrono::milliseconds(500);
 
 TrajectoryShape shape_of(const msg::LearnerInfo& info, int state_size) {
   const TrajectoryShape shape{static_cast<int>(info.steps()), static_cast<int>(info.feature_dimension()), state_size,
@@ -52,7 +48,7 @@ LearnerServer::LearnerServer(Node& node, const EnvClient& client, Trainer& train
   info_.traversal_hash() = options_.learned.hash;
   info_.window() = static_cast<std::uint32_t>(options_.window);
   info_.run_id() = options_.run_id;
-  next_assignments_ = Clock::now() + kSettle;
+  next_assignments_ = Clock::now() + kActorSettle;
   send_parameters();
 }
 
@@ -113,7 +109,7 @@ void LearnerServer::assign() {
   std::vector<Assignments::Actor> actors;
   for (const auto& [id, actor] : actors_)
     if (actor.present && actor.available) actors.push_back({id, actor.serves});
-  std::erase_if(told_, [&](const auto& entry) { return now - entry.second >= kTellAgain; });
+  std::erase_if(told_, [&](const auto& entry) { return now - entry.second >= kAssignmentResend; });
   for (const Assignments::Order& order : assignments_.divide(envs, actors)) {
     if (!told_.try_emplace({order.actor, order.env, order.serve}, now).second) continue;
     assignment_.actor() = order.actor.c_str();
@@ -223,13 +219,13 @@ void LearnerServer::send_info() {
   info_.chunks() = newest.chunks();
   node_.publish(info_);
   node_.metrics().set_queue("trajectories", queue_.size(), queue_.capacity());
-  next_info_ = Clock::now() + kInfoInterval;
+  next_info_ = Clock::now() + kHeartbeat;
 }
 
 /// Sends the newest parameters to all actors. Those that miss some, or come late, ask.
 void LearnerServer::send_parameters() {
   const Clock::time_point now = Clock::now();
-  std::erase_if(versions_, [&](const auto& entry) { return now - entry.second.asked > kRecentlyAsked; });
+  std::erase_if(versions_, [&](const auto& entry) { return now - entry.second.asked > kOldParameters; });
   while (versions_.size() >= kMostVersions) versions_.erase(std::prev(versions_.end()));
   const auto& newest =
       versions_.try_emplace(version(), Version{{version(), trainer_.network_parameters()}, {}}).first->second;

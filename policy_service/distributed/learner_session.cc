@@ -6,6 +6,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
 namespace {
 
@@ -81,7 +83,7 @@ bool LearnerSession::prepare(EnvClient& client) {
   if (task.features > 0) {
     try {
       const std::vector<float> features =
-          client.fetch_features(*source, static_cast<int>(info.first_frame()), task.frames, std::chrono::seconds(10));
+          client.fetch_features(*source, static_cast<int>(info.first_frame()), task.frames, kFeaturesTimeout);
       task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, task.frames);
     } catch (const Error& error) {  // tries another env_service next time
       if (source->refusal.empty()) spdlog::warn("{}", error.what());

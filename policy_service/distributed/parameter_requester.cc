@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/distributed/parameter_requester.h"
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
 namespace {
 
-constexpr std::chrono::milliseconds kInterval{50};
 constexpr int kMostInVain = 20;  // then the version is given up
 
 }  // namespace
@@ -14,7 +15,7 @@ void ParameterRequester::request_missing(ParameterAssembly& parameters) {
   const Clock::time_point now = Clock::now();
   if (!missing) {
     asked_.reset();
-    next_ = now + kInterval;  // the next version is probably on its way
+    next_ = now + kParametersRetry;  // the next version is probably on its way
     return;
   }
   const bool known = asked_ && asked_->version == missing->version;
@@ -31,7 +32,7 @@ void ParameterRequester::request_missing(ParameterAssembly& parameters) {
   request_.version() = missing->version;
   request_.chunks() = missing->chunks;
   node_.publish(request_);
-  next_ = now + kInterval;
+  next_ = now + kParametersRetry;
 }
 
 }  // namespace citylearn

@@ -127,7 +127,7 @@ TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::u
   const std::string actor = trajectory.header().sender().c_str();
   Actor& known = known_[actor];
   if (known.incarnation == 0) known.incarnation = trajectory.header().incarnation();
-  if (!known.early.empty() && room(known) > 0 && now - known.waits >= kGivenUp) {
+  if (!known.early.empty() && room(known) > 0 && now - known.waits >= kTrajectoryGiveUp) {
     known.number = known.early.begin()->first - 1;
     enqueue(actor, known, now);
   }

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "core/wire/messages.h"
 #include "policy_service/rollout/collector.h"
 #include "policy_service/rollout/rollout.h"
@@ -44,9 +45,8 @@ class TrajectoryQueue {
 
   enum class Taken { kTaken, kRepeated, kNoRoom };
   /// `trajectory` is moved from when it is taken. `version` is the newest of the parameters. A number that later ones
-  /// wait for in vain is given up after kGivenUp. Throws Error naming the field when it is not like the shape.
+  /// wait for in vain is given up after kTrajectoryGiveUp. Throws Error naming the field when it is not like the shape.
   Taken take(msg::Trajectory& trajectory, std::uint64_t version, Clock::time_point now = Clock::now());
-  static constexpr std::chrono::seconds kGivenUp{4};  ///< actors resend every 2 s: it was acknowledged in our name
 
   struct Window {
     std::uint64_t number = 0, limit = 0;  ///< as in TrajectoryAcknowledgement

@@ -6,15 +6,12 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/task/live.h"
 
 namespace citylearn {
 namespace {
 
-constexpr auto kSettingsAgain = std::chrono::milliseconds(100);
-constexpr auto kAcknowledgementsAgain = std::chrono::seconds(1);
-constexpr auto kRefusalsAgain = std::chrono::seconds(1);
-constexpr auto kNamed = std::chrono::seconds(5);  // what lasts longer is an alarm
 constexpr std::size_t kMostAlarms = 8;
 constexpr int kMostInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
 
@@ -144,7 +141,7 @@ void EnvClient::spin(Clock::time_point deadline) {
   ask_for_features();
   send_due_settings();
   // Settings and requests are re-sent by this loop, so it never sleeps past their time.
-  node_.wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(50)));
+  node_.wait(std::min(deadline, Clock::now() + kStopCheck));
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
   while (node_.take(chunk_))
@@ -154,7 +151,7 @@ void EnvClient::spin(Clock::time_point deadline) {
     if (EnvHandle* env = speaking(episode_.header()); env && finished) finished(*env, episode_);
   if (Clock::now() >= next_refusals_) report_refusals();
   if (!records_ || Clock::now() < next_acknowledgements_) return;
-  next_acknowledgements_ = Clock::now() + kAcknowledgementsAgain;
+  next_acknowledgements_ = Clock::now() + kAcknowledge;
   for (const auto& [id, env] : envs_)
     if (env->alive()) send_acknowledgement(*env);
 }
@@ -290,7 +287,7 @@ void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
 /// Keeps an alarm for each env_service that is present and refused, that another policy_service has, that does not do
 /// as it is told, or whose pictures nobody encodes.
 void EnvClient::report_refusals() {
-  next_refusals_ = Clock::now() + kRefusalsAgain;
+  next_refusals_ = Clock::now() + kRefusalInterval;
   for (const auto& [id, env] : envs_) {
     std::string trouble;
     if (env->alive() && !env->refusal.empty())
@@ -300,7 +297,7 @@ void EnvClient::report_refusals() {
                 (other_policy(*env).empty() ? "another policy_service" : "'" + other_policy(*env) + "'") +
                 "; this one waits until that one ends";
     else if (env->alive() && !env->in_force && env->settings.settings().version() != 0 &&
-             Clock::now() - env->unconfirmed > kNamed)
+             Clock::now() - env->unconfirmed > kAlarmDelay)
       trouble = "does not confirm its settings";
     else if (env->alive() && env->in_force && env->settings.task_mode() != msg::IDLE && !env->settings.by_reference() &&
              !answers_requests(*env))
@@ -449,7 +446,7 @@ void EnvClient::send_due_settings() {
       continue;
     }
     node_.publish(env->settings);
-    env->next_settings = now + kSettingsAgain;
+    env->next_settings = now + kSettingsResend;
   }
 }
 

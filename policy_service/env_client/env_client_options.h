@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cstddef>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
 
 /// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
@@ -22,7 +24,7 @@ struct EnvClientOptions {
   /// Hears the env_services of attach() alone, instead of all.
   bool attached_only = false;
   /// How long a running service may fail to deliver features or to confirm settings before its env_service is refused.
-  std::chrono::milliseconds patience{30'000};
+  std::chrono::milliseconds patience = kCommandGiveUp;
 };
 
 }  // namespace citylearn

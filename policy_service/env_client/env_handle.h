@@ -7,6 +7,7 @@
 
 #include "core/exchange/incumbent.h"
 #include "core/exchange/message_order.h"
+#include "core/exchange/timing.h"
 #include "core/wire/node.h"
 #include "policy_service/env_client/feature_cache.h"
 
@@ -45,7 +46,7 @@ struct EnvHandle {
   /// Returns whether it obeys another policy_service, a second after settings of this one were sent to it.
   bool lost() const {
     return settings.settings().version() != 0 && heard_other != Clock::time_point{} &&
-           Clock::now() >= std::max(heard_other, commanded) + std::chrono::seconds(1);
+           Clock::now() >= std::max(heard_other, commanded) + kObeysOther;
   }
   /// Forgets the settings, so that they are not sent again.
   void release() {

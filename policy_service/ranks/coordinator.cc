@@ -15,7 +15,6 @@ namespace citylearn {
 namespace {
 
 /// How long ranks have to come over from a coordinator that was lost, or another group to take over what is left.
-constexpr std::chrono::milliseconds kSettle{700};
 
 std::vector<char> packed(const nlohmann::json& message) {
   const std::string text = message.dump();
@@ -98,7 +97,7 @@ void Coordinator::welcome(int connection, const Json& hello, Clock::time_point n
     met_ = 0;
     expected_.clear();
     if (takes_over) {
-      settled_ = now + kSettle;
+      settled_ = now + kRankSettle;
       for (const Json& one : hello.at("expected")) expected_.insert(one.get<std::string>());
       spdlog::info("rank {} coordinates the ranks from now on", member.rank);
     }
@@ -163,7 +162,7 @@ void Coordinator::lose(int connection, Clock::time_point now) {
   if (!members_.contains(connection)) return;
   remove(connection, "is lost: the others go on without it");
   // Perhaps not it was lost but this process, and the others have another coordinator, which will ask for it.
-  if (2 * members_.size() <= met_) settled_ = std::max(settled_, now + kSettle);
+  if (2 * members_.size() <= met_) settled_ = std::max(settled_, now + kRankSettle);
   send_members();
   decide(now);
 }

@@ -11,13 +11,12 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "core/util/types.h"
 
 namespace citylearn {
 
 inline constexpr int kRankProtocol = 1;  ///< of the messages between ranks
-inline constexpr std::chrono::milliseconds kRankHeartbeat{250};
-inline constexpr std::chrono::milliseconds kRankSilence{2000};  ///< after which a rank counts as lost
 
 /// Decides which ranks make an update together and whether it counts (docs/decisions/0021-ranks.md). Every rank's
 /// process has one; the one that serves has all ranks as its members, its own included. It remembers nothing of an

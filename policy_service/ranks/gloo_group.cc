@@ -12,13 +12,13 @@
 #include <exception>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/util/types.h"
 
 namespace citylearn {
 namespace {
 
 // gloo waits five times as long for all connections of a context.
-constexpr std::chrono::milliseconds kConnect{400}, kStore{2000}, kReceive{2000};
 
 /// What gloo's ranks tell each other before they are connected.
 class RosterStore : public gloo::rendezvous::Store {
@@ -39,7 +39,7 @@ class RosterStore : public gloo::rendezvous::Store {
  private:
   Roster& roster_;
   const std::uint64_t meeting_;
-  const Clock::time_point deadline_ = Clock::now() + kStore;
+  const Clock::time_point deadline_ = Clock::now() + kGlooStore;
 };
 
 }  // namespace
@@ -54,9 +54,9 @@ class GlooGroup::Connections {
     attributes.hostname = roster.host();
     auto device = gloo::transport::tcp::CreateDevice(attributes);
     RosterStore store(roster, meeting.number);
-    context_->setTimeout(kConnect);
+    context_->setTimeout(kGlooConnect);
     context_->connectFullMesh(store, device);
-    context_->setTimeout(kReceive);
+    context_->setTimeout(kGlooReceive);
   }
 
   void sum(std::span<float> values) {

@@ -16,6 +16,7 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "core/exchange/timing.h"
 #include "core/files/json.h"
 #include "core/util/error.h"
 #include "core/util/ipv4.h"
@@ -26,7 +27,6 @@ namespace {
 constexpr std::array<char, 4> kMark = {'C', 'L', 'R', 'K'};
 constexpr std::size_t kHead = kMark.size() + 4;
 constexpr std::size_t kMostBytes = std::size_t{64} << 20;  // of a message
-constexpr int kConnectMs = 300;
 
 sockaddr_in socket_address(const RankAddress& address) {
   sockaddr_in result{};
@@ -98,8 +98,8 @@ OwnedSocket connect_to(const RankAddress& address) {
     pollfd ready{socket.get(), POLLOUT, 0};
     int problem = 0;
     socklen_t size = sizeof problem;
-    if (::poll(&ready, 1, kConnectMs) != 1 || ::getsockopt(socket.get(), SOL_SOCKET, SO_ERROR, &problem, &size) != 0 ||
-        problem != 0)
+    if (::poll(&ready, 1, static_cast<int>(kRankConnect.count())) != 1 ||
+        ::getsockopt(socket.get(), SOL_SOCKET, SO_ERROR, &problem, &size) != 0 || problem != 0)
       return OwnedSocket();
   }
   // A port that nobody listens at may be the one that this very socket was given.

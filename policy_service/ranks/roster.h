@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "policy_service/ranks/message_stream.h"
 #include "policy_service/ranks/rank_group.h"
 
@@ -16,9 +17,9 @@ namespace citylearn {
 
 struct RosterOptions {
   int rank = 0, ranks = 1;
-  std::string rendezvous;                     ///< HOST:PORT; a process on HOST coordinates, or knows who does
-  std::string identity;                       ///< JSON object: what must be the same in all ranks
-  std::chrono::milliseconds patience{60000};  ///< until ranks that do not come at the start are an error
+  std::string rendezvous;                           ///< HOST:PORT; a process on HOST coordinates, or knows who does
+  std::string identity;                             ///< JSON object: what must be the same in all ranks
+  std::chrono::milliseconds patience = kRankStart;  ///< until ranks that do not come at the start are an error
 };
 
 /// A meeting as all its members have it.

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/files/json.h"
 #include "core/util/error.h"
 #include "core/util/machine.h"
@@ -18,14 +19,6 @@
 
 namespace citylearn {
 namespace {
-
-using std::chrono::milliseconds;
-
-constexpr milliseconds kTurn{50}, kProbeInterval{500}, kSearchInterval{100};
-constexpr milliseconds kAnswer{1200};      // for a hello
-constexpr milliseconds kHold{1000};        // for a hello that this process cannot answer yet
-constexpr milliseconds kPrecedence{1000};  // of rank 0 at the rendezvous
-constexpr milliseconds kPaused{1000};      // a turn that takes longer means that this process stood still
 
 std::string incarnation_of(int rank) {
   return std::to_string(rank) + "-" + std::to_string(process_number()) + "-" +
@@ -73,7 +66,7 @@ Roster::Thread::Json Roster::Thread::ask(Json question, const std::string& answe
   ::eventfd_write(wake_.get(), 1);
   while (!failure_) {
     if (answer_ && answer_->at("type") == answer) return *std::exchange(answer_, std::nullopt);
-    changed_.wait_for(lock, kTurn);
+    changed_.wait_for(lock, kStopCheck);
     if (!idle) continue;
     lock.unlock();
     idle();
@@ -109,7 +102,7 @@ void Roster::Thread::run() {
   while (true) {
     wait_for_sockets();
     const Clock::time_point now = Clock::now();
-    if (now - std::exchange(last_turn_, now) > kPaused) {
+    if (now - std::exchange(last_turn_, now) > kRankPaused) {
       coordinator_.forgive_silence(now);
       heard_ = now;
     }
@@ -149,7 +142,7 @@ void Roster::Thread::wait_for_sockets() {
   for (const auto& [connection, accepted] : accepted_) add(accepted.stream);
   if (link_) add(*link_);
   if (probe_) add(*probe_);
-  ::poll(all.data(), all.size(), static_cast<int>(kTurn.count()));
+  ::poll(all.data(), all.size(), static_cast<int>(kStopCheck.count()));
   eventfd_t none = 0;
   ::eventfd_read(wake_.get(), &none);
 }
@@ -157,8 +150,8 @@ void Roster::Thread::wait_for_sockets() {
 /// Every process that can listen at the rendezvous does so, one at a time, so that new ranks find the others.
 void Roster::Thread::open_front(Clock::time_point now) {
   if (front_ || left_ || now < next_front_) return;
-  next_front_ = now + kProbeInterval;
-  if (options_.rank > 0 && now - start_ < kPrecedence) return;
+  next_front_ = now + kRankProbe;
+  if (options_.rank > 0 && now - start_ < kRankPrecedence) return;
   RankAddress address = rendezvous_;
   front_ = listen_at(address);
   next_search_ = now;
@@ -234,13 +227,13 @@ void Roster::Thread::answer_waiting(Clock::time_point now) {
           spdlog::warn("a rank's message cannot be read: {}", problem.what());
           accepted.closing = true;
         }
-      } else if (is_member_ && (!accepted.takes_over || now - accepted.since > kHold)) {
+      } else if (is_member_ && (!accepted.takes_over || now - accepted.since > kRankHold)) {
         for (const Known& member : known_)
           if (member.incarnation == coordinator_incarnation_)
             accepted.stream.send({{"type", "redirect"}, {"address", member.address}});
         accepted.hello.reset();
         accepted.closing = true;
-      } else if (now - accepted.since > kAnswer || (accepted.takes_over && known_.empty())) {
+      } else if (now - accepted.since > kRankAnswer || (accepted.takes_over && known_.empty())) {
         accepted.closing = true;  // one that knows no members will not take over: who asks it tries the next
       }
     }
@@ -263,7 +256,7 @@ void Roster::Thread::coordinate(Clock::time_point now) {
 /// Another group may have formed at the rendezvous: the larger one takes over the other.
 void Roster::Thread::probe_others(Clock::time_point now) {
   if (now >= next_probe_) {
-    next_probe_ = now + kProbeInterval;
+    next_probe_ = now + kRankProbe;
     probe_.reset();
     if (OwnedSocket socket = connect_to(rendezvous_)) {
       probe_ = std::make_unique<MessageStream>(std::move(socket));
@@ -349,12 +342,12 @@ void Roster::Thread::search(Clock::time_point now) {
   } else if (now < next_search_) {
     return;
   } else {
-    next_search_ = now + kSearchInterval;
+    next_search_ = now + kRankSearch;
   }
   OwnedSocket socket = connect_to(next.address);
   if (!socket) return;
   link_ = std::make_unique<MessageStream>(std::move(socket));
-  hello_deadline_ = now + kAnswer;
+  hello_deadline_ = now + kRankAnswer;
   Json expected = Json::array();
   for (const Known& member : known_) expected.push_back(member.incarnation);
   link_->send({{"type", "hello"},

@@ -5,12 +5,9 @@
 
 #include <algorithm>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
-namespace {
-
-constexpr auto kInfoAgain = std::chrono::seconds(1);
-
-}  // namespace
 
 RunAnnouncer::RunAnnouncer(Node& node, const Run& run) : node_(node), first_(run.updates + 1) {
   node_.create_writer<msg::TrainingStat>();
@@ -62,7 +59,7 @@ void RunAnnouncer::end() {
 
 void RunAnnouncer::send_info() {
   node_.publish(info_);
-  next_info_ = Clock::now() + kInfoAgain;
+  next_info_ = Clock::now() + kHeartbeat;
 }
 
 }  // namespace citylearn

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "core/exchange/timing.h"
 #include "core/files/files.h"
 #include "core/util/machine.h"
 #include "policy_service/records/report.h"
@@ -14,8 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::chrono::milliseconds kAcknowledgements{100};  // between two, so that many rows go to the disk at once
-constexpr int kShareOfDisk = 20;                             // times as long as the disk took, at least
+constexpr int kShareOfDisk = 20;  // times as long as the disk took, at least
 
 std::string text_of(const nlohmann::ordered_json& manifest) { return manifest.dump(2) + "\n"; }
 
@@ -107,7 +107,7 @@ void RunRecords::write_pending_checkpoints() {
       evaluated_.reset();
     }
   } catch (const Error& error) {
-    retry_ = Clock::now() + std::chrono::seconds(1);
+    retry_ = Clock::now() + kCommitRetry;
     node_.alarm("checkpoint", std::string(error.what()) + "; those before it are kept");
     return;
   }
@@ -137,7 +137,7 @@ void RunRecords::acknowledge(bool all) {
   for (EnvHandle* env : to_acknowledge_) client_.acknowledge(*env, episodes_->recorded(env->id, env->incarnation()));
   to_acknowledge_.clear();
   const Clock::time_point end = Clock::now();
-  next_acknowledgement_ = end + std::max<Clock::duration>(kAcknowledgements, kShareOfDisk * (end - begin));
+  next_acknowledgement_ = end + std::max<Clock::duration>(kAcknowledgeGather, kShareOfDisk * (end - begin));
 }
 
 void RunRecords::require_all_written() {

@@ -5,17 +5,13 @@
 
 #include <algorithm>
 
+#include "core/exchange/timing.h"
 #include "policy_service/interchange/safetensors.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 
 namespace citylearn {
-namespace {
-
-constexpr std::chrono::seconds kPatience{30};  // with an env_service that is silent
-
-}  // namespace
 
 void EvaluationRun::load_agent() {
   PolicyServiceOptions& options = context_.options;
@@ -94,7 +90,7 @@ std::string EvaluationRun::gather_envs(Evaluation& evaluation, const std::string
     if (!other.empty() && wait > 0 && seconds_since(missing->heard_other) > wait)
       throw Error("works for policy_service '" + other + "'", "env_service '" + missing->id + "'",
                   "wait until that one ends, or evaluate in another --session");
-    if (Clock::now() - missing->presence.last_heard() > kPatience)
+    if (Clock::now() - missing->presence.last_heard() > kCommandGiveUp)
       throw Error("went silent during the evaluation on '" + traversal + "'", "env_service '" + missing->id + "'",
                   "start it again, then evaluate the checkpoint with --mode evaluate");
     if (!missing->alive())

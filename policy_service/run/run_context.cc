@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/wire/service.h"
 
 namespace citylearn {
@@ -94,7 +95,7 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
     if (missing.empty()) return;
     // Waiting does not help against a foreign type on our topics.
     const std::vector<std::string> wrong_types = node.discovery().wrong_types();
-    if (!wrong_types.empty() && Clock::now() - since > std::chrono::seconds(3))
+    if (!wrong_types.empty() && Clock::now() - since > kSilence)
       throw Error("no env_service on " + missing + "; " + wrong_types.front());
     std::string found;
     for (const auto& [id, env] : client.envs()) {
@@ -189,7 +190,7 @@ void RunContext::leave() {
   idle.task_mode() = msg::IDLE;
   for (const auto& [id, env] : client.envs())
     if (env->alive() && env->settings.settings().version() != 0) client.command(*env, idle);
-  const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
+  const Clock::time_point deadline = Clock::now() + kReleaseTimeout;
   const auto pending = [this] {
     return std::any_of(client.envs().begin(), client.envs().end(), [](const auto& entry) {
       const EnvHandle& env = *entry.second;

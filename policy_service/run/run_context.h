@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/timing.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/network/network_inputs.h"
 #include "policy_service/records/run_records.h"
@@ -42,7 +43,7 @@ class RunContext {
 
   /// Handles messages for `moment` at most, and everything that is due. All waiting of a run happens here. Throws
   /// StopRequested.
-  void spin(std::chrono::milliseconds moment = std::chrono::milliseconds(50));
+  void spin(std::chrono::milliseconds moment = kStopCheck);
   /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
   /// far as these are known.
   void require(std::optional<int> feature_dimension = {}, const std::vector<TraversalContents>& learned = {});

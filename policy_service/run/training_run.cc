@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "core/exchange/timing.h"
 #include "core/files/json.h"
 #include "core/util/version.h"
 #include "core/wire/service.h"
@@ -359,7 +360,7 @@ void LearnerRun::train() {
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);
   bool computing = false;  // by somebody who waits for messages no longer than compute() does
   while (!ended()) {
-    context_.spin(std::chrono::milliseconds(computing ? 0 : 50));
+    context_.spin(computing ? 0 * kStopCheck : kStopCheck);
     const bool ready = server_->ready();
     computing = ready && compute && !compute(server_->batch());
     if (computing) continue;
@@ -398,7 +399,7 @@ void LearnerRun::warn_of_lag() {
 void LearnerRun::dismiss_actors() {
   if (!server_) return;
   server_->end();
-  const Clock::time_point deadline = Clock::now() + std::chrono::seconds(5);
+  const Clock::time_point deadline = Clock::now() + kDismiss;
   while (!server_->released() && Clock::now() < deadline) context_.spin();
   context_.client.subscribe(/*observations=*/true, /*episodes=*/true);
 }

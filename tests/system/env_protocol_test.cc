@@ -158,7 +158,7 @@ TEST_P(EnvProtocol, AnotherPolicyWaitsUntilTheFirstIsGone) {
   const auto both = [&](const std::function<bool()>& condition) {
     return eventually([&] { policy_->spin(), other.spin(); }, condition, kPatience);
   };
-  const Clock::time_point end = Clock::now() + Incumbent::kHandover + seconds(1);
+  const Clock::time_point end = Clock::now() + kHandover + seconds(1);
   ASSERT_TRUE(both([&] { return Clock::now() > end; }));
   EXPECT_FALSE(other.in_force()) << "the first is in charge";
   const std::uint64_t steps = policy_->steps();

@@ -5,6 +5,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
+#include "core/exchange/timing.h"
 #include "core/util/version.h"
 #include "core/wire/service.h"
 #include "tools/record/recording.h"
@@ -45,7 +46,7 @@ int record(CommandLine& line) {
   Recording recording(*middleware, line.recording);
   spdlog::info("records to {}", line.recording.output);
   while (!stop_requested()) {
-    middleware->wait(Clock::now() + std::chrono::milliseconds(50));
+    middleware->wait(Clock::now() + kStopCheck);
     recording.poll();
     for (const std::string& fault : middleware->discovery().faults()) spdlog::error("{}", fault);
   }

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <filesystem>
 
+#include "core/exchange/timing.h"
 #include "core/recording/idl_text.h"
 #include "core/util/error.h"
 #include "core/util/wall_clock.h"
@@ -15,7 +16,6 @@ namespace {
 
 constexpr std::uint64_t kFlushAfter = 1'000'000'000;  // nanoseconds
 constexpr int kAtOnce = 256;                          // of a topic, before the others
-constexpr std::chrono::milliseconds kLook{20};        // between looks for new topics
 
 std::string name_of(Profile profile) {
   switch (profile) {
@@ -116,7 +116,7 @@ void Recording::write(const std::string& name, const Source& source) {
 void Recording::poll() {
   if (const Clock::time_point now = Clock::now(); now >= next_look_) {
     find_topics();
-    next_look_ = now + kLook;
+    next_look_ = now + kTopicSearch;
   }
   bool more = true;
   while (more) {

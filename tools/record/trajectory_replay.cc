@@ -5,15 +5,12 @@
 
 #include <algorithm>
 
+#include "core/exchange/timing.h"
+
 namespace citylearn {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
 constexpr std::size_t kReadAhead = 32;  // trajectories that are not acknowledged yet
-constexpr seconds kStatus{1};
-constexpr seconds kPatience{30};  // an update may be long
 
 }  // namespace
 
@@ -106,7 +103,7 @@ bool TrajectoryReplay::fetch() {
 }
 
 void TrajectoryReplay::send_status() {
-  next_status_ = Clock::now() + kStatus;
+  next_status_ = Clock::now() + kHeartbeat;
   status_.learner() = info_.header().sender();
   status_.learner_incarnation() = info_.header().incarnation();
   status_.version() = info_.version();
@@ -117,7 +114,7 @@ void TrajectoryReplay::send_status() {
 bool TrajectoryReplay::poll() {
   take_messages();
   const Clock::time_point now = Clock::now();
-  due_ = now + milliseconds(100);
+  due_ = now + 2 * kStopCheck;
   if (info_.header().incarnation() == 0) {
     node_.report(msg::WAITING, "waiting for a learner");
     return true;
@@ -133,7 +130,7 @@ bool TrajectoryReplay::poll() {
       throw Error("has no trajectories", files_.front(), "record a run of --role learner and --role actor");
     return false;
   }
-  if (outbox_.sent() > outbox_.acknowledged() && now - progress_ > kPatience)
+  if (outbox_.sent() > outbox_.acknowledged() && now - progress_ > kReplayProgress)
     throw Error("accepts none of the trajectories", "learner '" + info_.header().sender().to_string() + "'",
                 "its log says what is wrong with them; --agent must be as it was");
   return true;

@@ -5,18 +5,16 @@
 
 #include <algorithm>
 
+#include "core/exchange/timing.h"
 #include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
 
-constexpr std::chrono::milliseconds kPictures{10};  // between two requests; the cache answers most
-constexpr std::chrono::milliseconds kGlance{50};
-
 Pictures::Options picture_options(int widest) {
   Pictures::Options options;
   options.widest = widest;
-  options.between = kPictures;
+  options.between = kBridgePictures;
   return options;
 }
 
@@ -92,6 +90,8 @@ void Ros2Bridge::poll() {
   translation_.poll();
 }
 
-Clock::time_point Ros2Bridge::due() const { return std::min({maps_.due(), pictures_.due(), Clock::now() + kGlance}); }
+Clock::time_point Ros2Bridge::due() const {
+  return std::min({maps_.due(), pictures_.due(), Clock::now() + kStopCheck});
+}
 
 }  // namespace citylearn

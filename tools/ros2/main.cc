@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "core/exchange/timing.h"
 #include "core/ros2/participant.h"
 #include "core/util/version.h"
 #include "core/wire/service.h"
@@ -105,7 +106,7 @@ void run(const CommandLine& line, Ros2Sink& sink, const std::string& activity, P
   Ros2Bridge bridge(node, sink, line.bridge);
   node.report(msg::RUNNING, activity);
   spdlog::info("{}", activity);
-  const Clock::time_point patience = Clock::now() + std::chrono::seconds(3);
+  const Clock::time_point patience = Clock::now() + kSilence;
   bool told = false;
   while (!stop_requested()) {
     node.wait(bridge.due());

@@ -35,7 +35,7 @@ TEST_F(IncumbentTest, AnotherFollowsASilentOneAfterAWhile) {
   for (const std::uint64_t next : {kEarlier, kLater}) {
     const std::uint64_t before = incumbent_.incarnation();
     EXPECT_EQ(hear(next, milliseconds(100)), Heard::kOther);
-    EXPECT_EQ(hear(next, Incumbent::kHandover - milliseconds(1)), Heard::kOther);
+    EXPECT_EQ(hear(next, kHandover - milliseconds(1)), Heard::kOther);
     EXPECT_EQ(hear(next, milliseconds(1)), Heard::kSuccessor);
     EXPECT_EQ(hear(next), Heard::kIncumbent);
     EXPECT_TRUE(incumbent_.preceded(before));
@@ -45,7 +45,7 @@ TEST_F(IncumbentTest, AnotherFollowsASilentOneAfterAWhile) {
 
 TEST_F(IncumbentTest, OneMessageOfADeadProcessReplacesNobody) {
   EXPECT_EQ(hear(kLater, milliseconds(100)), Heard::kOther);
-  EXPECT_EQ(hear(kFirst, Incumbent::kHandover), Heard::kIncumbent);
+  EXPECT_EQ(hear(kFirst, kHandover), Heard::kIncumbent);
   EXPECT_EQ(hear(kLater, milliseconds(100)), Heard::kOther) << "it is heard anew";
 }
 

@@ -183,7 +183,7 @@ TEST(Trajectories, AGapThatIsNeverFilledIsGivenUp) {
   };
   for (const std::uint64_t number : {1u, 3u, 4u}) send(number);
   EXPECT_EQ(queue.window("a").number, 1u);
-  now += TrajectoryQueue::kGivenUp;
+  now += kTrajectoryGiveUp;
   EXPECT_EQ(send(3), TrajectoryQueue::Taken::kRepeated) << "sent again";
   EXPECT_EQ(queue.window("a").number, 4u) << "2 was acknowledged in the learner's name";
   EXPECT_EQ(send(5), TrajectoryQueue::Taken::kTaken);
