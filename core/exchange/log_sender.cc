@@ -21,8 +21,7 @@ void LogSender::each_reader(Log& log, Visit visit) {
     if (reader.registered) visit(reader);
 }
 
-std::uint64_t LogSender::add(Clock::time_point now) {
-  if (gives_credit() && kept() == 0) each_reader(*this, [&](Reader& reader) { begin_wait(reader, now); });
+std::uint64_t LogSender::add() {
   ++last_;
   if (kept() > options_.capacity) enforce_capacity();
   return last_;
@@ -194,7 +193,7 @@ std::optional<LogSender::Sending> LogSender::next(Clock::time_point now) {
   each_reader(*this, [&](Reader& reader) {
     if (reader.sent + 1 != found->number) return;
     // The reader's wait begins now.
-    if (reader.sent == reader.acknowledged && !found->again && !gives_credit()) open_window(reader, 0, now);
+    if (reader.sent == reader.acknowledged && !found->again) open_window(reader, 0, now);
     ++reader.sent;
     reader.limit = std::max(reader.limit, reader.sent);
   });

@@ -39,8 +39,8 @@ class LogSender {
   /// problem() reports either.
   explicit LogSender(const LogOptions& options, const std::vector<std::string>& required = {}, std::uint64_t first = 1);
 
-  /// Appends a record and returns its number. The time is read with a credit window only.
-  std::uint64_t add(Clock::time_point now = {});
+  /// Appends a record and returns its number.
+  std::uint64_t add();
 
   struct Acknowledgement {
     const msg::Header& from;

@@ -19,7 +19,7 @@ void TrajectoryOutbox::show_queue() {
 
 msg::Trajectory& TrajectoryOutbox::add() {
   msg::Trajectory& trajectory = waiting_.emplace_back();
-  trajectory.number() = log_.add(Clock::now());
+  trajectory.number() = log_.add();
   show_queue();
   return trajectory;
 }

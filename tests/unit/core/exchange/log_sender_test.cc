@@ -15,7 +15,7 @@ using Acknowledged = LogSender::Acknowledged;
 class LogSenderCredit : public ::testing::Test {
  protected:
   void add(int count) {
-    for (int i = 0; i < count; ++i) log_.add(now_);
+    for (int i = 0; i < count; ++i) log_.add();
   }
   /// Returns how many records go out now for the first time, and how many again.
   std::pair<int, int> sent() {
@@ -58,6 +58,18 @@ TEST_F(LogSenderCredit, ALateAcknowledgementDoesNotTakeRoomBack) {
   EXPECT_EQ(deliver(message_ + 1, 100, 102), Acknowledged::kRepeated);
   EXPECT_EQ(log_.limit(), 115u);
   EXPECT_EQ(sent(), std::pair(15, 0));
+}
+
+TEST_F(LogSenderCredit, WhatWaitedForRoomGoesOutOnce) {
+  acknowledge(100, 110);
+  add(20);
+  EXPECT_EQ(sent(), std::pair(10, 0));
+  acknowledge(110, 110);
+  now_ += std::chrono::seconds(30);  // the reader is busy
+  EXPECT_EQ(sent(), std::pair(0, 0));
+  acknowledge(110, 120);
+  EXPECT_EQ(sent(), std::pair(10, 0));
+  EXPECT_EQ(log_.due(), now_ + kLogResend);
 }
 
 TEST_F(LogSenderCredit, WaitsTwiceAsLongAsTheLastAcknowledgementTook) {
