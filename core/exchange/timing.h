@@ -41,7 +41,7 @@ inline constexpr auto kTrajectoryGiveUp =
 inline constexpr auto kStatsDelay = 300ms;        ///< in which missing TrainingStats may just be late
 inline constexpr auto kStatsRetry = 1000ms;       ///< until they are requested again
 inline constexpr auto kNextReplyTimeout = 250ms;  ///< until the next message of an answer counts as lost
-inline constexpr auto kLinger = 5s;               ///< at the end, for recorders that live to acknowledge episodes
+inline constexpr auto kLinger = 6s;               ///< at the end, for recorders that live to acknowledge episodes
 inline constexpr auto kLingerUnheard = 500ms;     ///< likewise for recorders that were never heard
 
 // Objects: until missing chunks are requested again.
@@ -97,7 +97,7 @@ inline constexpr auto kStopCheck = 50ms;  ///< at most, between two looks of a l
 
 static_assert(2 * kHeartbeat < kSilence && kHeartbeat < kHandover && kHandover < kSilence);
 static_assert(kWriterLifetime > kSilence && kTwinGrace > kSilence && kRunSilence > kSilence && kDeaf > kSilence);
-static_assert(kUnserved > kSilence + kHandover);
+static_assert(kUnserved > kSilence + kHandover && kLinger > kSilence + kHandover);
 static_assert(kObservationResend < kObeysOther && kSettingsResend < kObeysOther && kObservationResendMax < kSilence);
 static_assert(kAssignmentResend < kSilence && kAlarmDelay < kCommandGiveUp && kFeaturesTimeout > kSilence);
 static_assert(kCommitGather < kLogResend && kLogResendMax < kSilence && kLogResendMax < kTrajectoryGiveUp);
