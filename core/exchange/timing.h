@@ -10,11 +10,10 @@ using namespace std::chrono_literals;  // in no narrower scope, where it would h
 namespace citylearn {
 
 // Presence.
-inline constexpr auto kHeartbeat = 1s;  ///< between two values of a state: status, announcement, report
-inline constexpr auto kSilence = 3s;    ///< without a word after which a process counts as gone
-inline constexpr auto kHandover =
-    2s;  ///< in which a rival is heard and the incumbent is not, before the rival takes over
-inline constexpr auto kTwinGrace = 10s;       ///< since its start in which a process gives way to another of its id
+inline constexpr auto kHeartbeat = 1s;   ///< between two values of a state: status, announcement, report
+inline constexpr auto kSilence = 3s;     ///< without a word after which a process counts as gone
+inline constexpr auto kHandover = 2s;    ///< in which a rival is heard and the incumbent is not, before it takes over
+inline constexpr auto kTwinGrace = 10s;  ///< since its start in which a process gives way to another of its id
 inline constexpr auto kSameMoment = 100ms;    ///< between two starts that count as one
 inline constexpr auto kWriterLifetime = 10s;  ///< without a message after which a writer to one receiver is deleted
 inline constexpr auto kFlushTimeout = 500ms;  ///< at the end, for readers to take the last messages
@@ -34,10 +33,9 @@ inline constexpr auto kLogResend = 200ms, kLogResendMax = 2000ms;  ///< it doubl
 inline constexpr auto kLogHurried = 50ms;                          ///< first interval of a sender that ends
 inline constexpr auto kAcknowledge = 1s;                           ///< between two acknowledgements that say the same
 inline constexpr auto kAcknowledgeGather = 100ms;                  ///< between two acknowledgements of a policy_service
-inline constexpr auto kCommitGather = 50ms;  ///< in which an episode waits for others of its transaction
-inline constexpr auto kCommitRetry = 1s;     ///< after the disk failed
-inline constexpr auto kTrajectoryGiveUp =
-    4s;  ///< until a gap counts as one that never fills: it was acknowledged in our name
+inline constexpr auto kCommitGather = 50ms;       ///< in which an episode waits for others of its transaction
+inline constexpr auto kCommitRetry = 1s;          ///< after the disk failed
+inline constexpr auto kTrajectoryGiveUp = 4s;     ///< until a gap never fills: it was acknowledged in our name
 inline constexpr auto kStatsDelay = 300ms;        ///< in which missing TrainingStats may just be late
 inline constexpr auto kStatsRetry = 1000ms;       ///< until they are requested again
 inline constexpr auto kNextReplyTimeout = 250ms;  ///< until the next message of an answer counts as lost
@@ -75,8 +73,7 @@ inline constexpr auto kRunSilence = 5s;        ///< without a RunInfo; a long up
 inline constexpr auto kBridgePictures = 10ms;  ///< between two pictures for ROS 2; the cache has most
 
 // Replay.
-inline constexpr auto kReplayPeriod = 20ms;  ///< in which half a writer's history may go out
-inline constexpr auto kReplayResend = 300ms;
+inline constexpr auto kReplayPeriod = 20ms;     ///< in which half a writer's history may go out
 inline constexpr auto kReplayTimeout = 2000ms;  ///< for readers that do not come or acknowledge
 inline constexpr auto kReplayQuiet = 1500ms;    ///< without a request at the end: all readers have all
 inline constexpr auto kReplayEnd = 30s;         ///< at most, at the end

@@ -32,7 +32,7 @@ int most_in_period(Profile profile) {
 }
 
 constexpr std::size_t kUnacknowledged = 128;  // episodes of an env_service
-constexpr std::size_t kAgainAtOnce = 32;
+constexpr int kAgainAtOnce = 32;
 constexpr std::size_t kMostVoices = 4096;
 constexpr std::size_t kMostInboxes = 4096;
 
@@ -104,19 +104,17 @@ void Replayer::on_acknowledgement() {
   acknowledged_ = true;
   if (found == episodes_.end()) return;
   Episodes& episodes = found->second;
-  const std::string recorder = message.header().sender().c_str();
-  if (message.recorder() == msg::LEAVES) {
-    episodes.marks.erase(recorder);
-  } else {
-    std::uint64_t& mark = episodes.marks[recorder];
-    if (message.episode() > mark) episodes.given_up = false;
-    mark = std::max(mark, message.episode());
-  }
-  std::uint64_t least = ~std::uint64_t{0};
-  for (const auto& [id, mark] : episodes.marks) least = std::min(least, mark);
-  if (std::erase_if(episodes.waiting, [&](const auto& entry) { return entry.first <= least; }) == 0) return;
-  episodes.progress = quiet_since_ = Clock::now();
-  episodes.again = episodes.progress + kReplayResend;
+  const auto lacks = std::find_if(episodes.waiting.begin(), episodes.waiting.end(),
+                                  [&](const auto& entry) { return entry.first > message.episode(); });
+  const std::uint64_t number =
+      episodes.log.acknowledged() + static_cast<std::uint64_t>(lacks - episodes.waiting.begin());
+  const Clock::time_point now = Clock::now();
+  if (episodes.log.acknowledge({.from = message.header(), .number = number, .state = message.recorder()}, now) ==
+      LogSender::Acknowledged::kYes)
+    episodes.given_up = false;
+  if (episodes.waiting.size() == episodes.log.kept()) return;
+  while (episodes.waiting.size() > episodes.log.kept()) episodes.waiting.pop_front();
+  episodes.progress = quiet_since_ = now;
 }
 
 void Replayer::on_request() {
@@ -149,22 +147,23 @@ void Replayer::on_chunk_request() {
 
 void Replayer::send_again(Clock::time_point now) {
   for (auto& [sender, episodes] : episodes_) {
-    if (episodes.waiting.empty() || now < episodes.again) continue;
+    if (episodes.waiting.empty()) continue;
     if (now - episodes.progress >= kReplayTimeout) {
-      if (!episodes.marks.empty())
-        figures_.remarks.push_back("'" + episodes.marks.begin()->first + "' has not recorded episode " +
+      for (const std::string& recorder : episodes.log.lacking())
+        figures_.remarks.push_back(recorder + " has not recorded episode " +
                                    std::to_string(episodes.waiting.front().first) + " of '" + sender.first +
                                    "' and is not waited for any more");
-      episodes.marks.clear();
       episodes.waiting.clear();
+      episodes.log = LogSender(LogOptions(), {}, episodes.log.last() + 1);
       episodes.given_up = true;
       continue;
     }
-    for (std::size_t i = 0; i < std::min(episodes.waiting.size(), kAgainAtOnce); ++i) {
-      episodes.voice->publisher->publish(episodes.waiting[i].second);
+    for (int count = 0; count < kAgainAtOnce; ++count) {
+      const auto next = episodes.log.next(now);
+      if (!next) break;
+      episodes.voice->publisher->publish(episodes.waiting[next->number - episodes.log.acknowledged() - 1].second);
       ++figures_.repeated;
     }
-    episodes.again = now + kReplayResend;
   }
 }
 
@@ -292,11 +291,10 @@ void Replayer::keep_episode(Voice& voice, Clock::time_point now) {
   episodes.voice = &voice;
   // Without a recorder that acknowledges, none is waited for.
   if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kReplayTimeout)) return;
-  if (episodes.waiting.empty()) {
-    episodes.progress = now;
-    episodes.again = now + kReplayResend;
-  }
+  if (episodes.waiting.empty()) episodes.progress = now;
   episodes.waiting.emplace_back(episode_.episode(), bytes_);
+  episodes.log.add();
+  episodes.log.next(now);  // it went out
 }
 
 void Replayer::play(Voice& voice) {
@@ -347,7 +345,7 @@ bool Replayer::poll() {
       return !settled(now);
     }
     if (const Clock::time_point due = clock_.due(next_->position); due > now) {
-      due_ = std::min(due, now + kReplayResend);
+      due_ = std::min(due, now + kLogResend);
       held_since_.reset();  // a pause is not a wait for readers
       return true;
     }

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/exchange/log_sender.h"
 #include "core/recording/chunk_store.h"
 #include "core/recording/mcap.h"
 #include "core/recording/recording_clock.h"
@@ -22,10 +23,9 @@
 namespace citylearn {
 
 /// Plays recordings into a middleware: the recorded bytes on their topics, each sender with writers of its own, in the
-/// order and at the distance in time in which they came. Does what a recorder of episodes and statistics expects of
-/// their senders, so that it gets all of them at any speed: waits for its acknowledgements of episodes, sends them
-/// again, sends TrainingStats again when asked, and maps and pictures to the service that asks now
-/// (idl/episode.idl, idl/training.idl, idl/scene.idl, idl/image.idl). Used by one thread, but for clock().
+/// order and at the distance in time in which they came. Sends episodes again until recorders acknowledge them, and
+/// TrainingStats, maps and pictures to the service that asks now, so that recorders get all of them at any speed. Used
+/// by one thread, but for clock().
 class Replayer {
  public:
   /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
@@ -51,11 +51,11 @@ class Replayer {
     bool awaited = false;  // a reader is there, or none came
     Bytes last;            // of RunInfo
   };
-  /// Of one env_service: played and not acknowledged.
+  /// Episodes of one env_service that wait to be acknowledged. The log counts them anew: a recording may lack some.
   struct Episodes {
-    std::deque<std::pair<std::uint64_t, Bytes>> waiting;  // by number
-    std::map<std::string, std::uint64_t> marks;           // of recorders
-    Clock::time_point progress, again;
+    LogSender log{LogOptions()};
+    std::deque<std::pair<std::uint64_t, Bytes>> waiting;  // with the number in the recording
+    Clock::time_point progress;
     Voice* voice = nullptr;
     bool given_up = false;  // no acknowledgement came for long
   };
