@@ -7,7 +7,7 @@
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/run/evaluation.h"
-#include "tools/inprocess/training.h"
+#include "tools/lab/training.h"
 
 namespace citylearn::python {
 namespace {

@@ -16,7 +16,7 @@
 #include "env_service/dataset_io/selection.h"
 #include "policy_service/run/run_options.h"
 #include "python/errors.h"
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
 
 namespace citylearn::python {
 namespace {
@@ -90,7 +90,7 @@ Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions&
   const ReductionChoice& choice = options.reduction;
   ReductionOptions how = reduction_for(options.encoder, choice);
   if (how.keeps_all() && encoder->training_sample_count() == 0)
-    return vpr::with_features(pictures, vpr::encode(*encoder, pictures, entry.name, store).matrix);
+    return lab::with_features(pictures, lab::encode(*encoder, pictures, entry.name, store).matrix);
   Selection selection = options.source.selection;
   selection.align.clear();
   const bool own = choice.reference == pictures.name;
@@ -98,14 +98,14 @@ Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions&
   if (!reference.images) throw Error("has no pictures to learn from", "reference '" + choice.reference + "'");
   std::vector<cv::Mat> sample;
   for (const int frame : training_frames(encoder->training_sample_count(), reference.frames))
-    sample.push_back(vpr::read_picture(reference, frame));
+    sample.push_back(lab::read_picture(reference, frame));
   if (!sample.empty()) encoder->learn(sample);
-  const Eigen::MatrixXf descriptors = vpr::encode(*encoder, reference, entry.name, store).matrix;
+  const Eigen::MatrixXf descriptors = lab::encode(*encoder, reference, entry.name, store).matrix;
   if (!choice.dimension_given)
     how.dimension = std::min(how.dimension, Reduction::largest_dimension(descriptors.rows(), descriptors.cols()));
   const Reduction reduction = Reduction::learn(descriptors, how);
-  return vpr::with_features(
-      pictures, reduction.apply(own ? descriptors : vpr::encode(*encoder, pictures, entry.name, store).matrix));
+  return lab::with_features(
+      pictures, reduction.apply(own ? descriptors : lab::encode(*encoder, pictures, entry.name, store).matrix));
 }
 
 }  // namespace

@@ -11,7 +11,7 @@
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/ranks/gloo_group.h"
 #include "policy_service/ranks/shared_updates.h"
-#include "tools/inprocess/training.h"
+#include "tools/lab/training.h"
 
 namespace citylearn {
 namespace {

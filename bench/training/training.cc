@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How fast, and how well, does an agent learn with nothing between environment and trainer? (README.md)
-#include "tools/inprocess/training.h"
+#include "tools/lab/training.h"
 
 #include <malloc.h>
 
@@ -19,7 +19,7 @@
 #include "policy_service/network/product.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/worker_pool.h"
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
 
 namespace citylearn {
 namespace {
@@ -72,8 +72,8 @@ void train(const Options& options) {
       if (!traversal.images)
         throw Error("has no pictures", "traversal '" + traversal.name + "'", "leave --encoder out");
       traversal.frames = std::min(traversal.frames, options.trainer.first_frame + options.frames);
-      if (&traversal == &route) vpr::fit_encoder(*encoder, route);
-      traversal = vpr::with_features(traversal, vpr::encode(*encoder, traversal, options.encoder, "").matrix);
+      if (&traversal == &route) lab::fit_encoder(*encoder, route);
+      traversal = lab::with_features(traversal, lab::encode(*encoder, traversal, options.encoder, "").matrix);
     };
     encode(route);
     for (Traversal& other : others) encode(other);

@@ -18,7 +18,7 @@ void EvaluationRun::load_agent() {
   agent_ = trained_agent(read_checkpoint(options.checkpoint));
   if (!agent_->task.turns.empty())
     throw Error("learned a route that crosses itself, and env_services do not announce crossings yet",
-                options.checkpoint, "evaluate it in one process (tools/inprocess)");
+                options.checkpoint, "evaluate it in one process (tools/lab)");
   if (!options.parameters.empty()) load_parameters(options.parameters, *agent_);
   if (options.max_steps == options.frames) options.max_steps = agent_->task.frames;
   options.agent = agent_->name;

@@ -14,9 +14,9 @@
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "policy_service/run/sweep.h"
+#include "tools/lab/python.h"
 #include "tools/paper/manifest.h"
 #include "tools/paper/sections/sections.h"
-#include "tools/vpr/python.h"
 
 namespace {
 
@@ -143,7 +143,7 @@ int make_report(CommandLine& line) {
                                                "\n");
   write_file(line.output + "/manifest.json", manifest_of(context, line.text, begun, seconds_since(start)));
   spdlog::info("drawing the figures");
-  vpr::run_python("paper/report", {line.output});
+  lab::run_python("paper/report", {line.output});
   std::cout << line.output << "/report.html" << std::endl;
   return well ? 0 : 1;
 }

@@ -7,14 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
 
 namespace citylearn::paper {
 
 using Json = nlohmann::json;
 
 /// Ctrl-C or SIGTERM arrived: complete units are kept, the rest is abandoned.
-using vpr::Stopped;
+using lab::Stopped;
 
 /// Returns null for NaN and infinity.
 Json number(double value);

@@ -7,9 +7,9 @@
 #include <algorithm>
 
 #include "core/util/error.h"
+#include "tools/lab/descriptors.h"
 #include "tools/paper/studies/cropped.h"
 #include "tools/paper/studies/mixture.h"
-#include "tools/vpr/descriptors.h"
 
 namespace citylearn::paper {
 namespace {
@@ -141,7 +141,7 @@ World::Encoded& World::encoded(const std::string& name) {
   auto made = std::make_unique<Encoded>();
   const auto& entry = EncoderRegistry::instance().find("encoder", name);
   made->encoder = entry.create(Parameters("encoder " + name, entry.parameters, {}), options_.files);
-  vpr::fit_encoder(*made->encoder, recordings_.at(train()));
+  lab::fit_encoder(*made->encoder, recordings_.at(train()));
   slot = std::move(made);
   return *slot;
 }
@@ -166,7 +166,7 @@ const Traversal& World::traversal(const std::string& representation, const std::
   if (representation == kRaw) {
     Traversal route = recordings_.at(name);
     route.frames = std::min(options_.raw_frames, frames());
-    return result = vpr::with_features(route, vpr::encode(*encoded(kRaw).encoder, route, kRaw, "").matrix);
+    return result = lab::with_features(route, lab::encode(*encoded(kRaw).encoder, route, kRaw, "").matrix);
   }
   const std::size_t dash = representation.rfind('-');
   const std::string encoder = representation.substr(0, dash);
@@ -174,14 +174,14 @@ const Traversal& World::traversal(const std::string& representation, const std::
   const auto descriptors = [&](const std::string& of) -> const Eigen::MatrixXf& {
     Eigen::MatrixXf& matrix = parts.descriptors[of];
     if (matrix.size() == 0)
-      matrix = vpr::encode(*parts.encoder, recordings_.at(of), encoder + " " + of, options_.store).matrix;
+      matrix = lab::encode(*parts.encoder, recordings_.at(of), encoder + " " + of, options_.store).matrix;
     return matrix;
   };
   const auto [reduction, fresh] = parts.reductions.try_emplace(representation);
   if (fresh)
     reduction->second =
         Reduction::learn(descriptors(train()), {.dimension = std::stoi(representation.substr(dash + 1))});
-  return result = vpr::with_features(recordings_.at(name), reduction->second.apply(descriptors(name)));
+  return result = lab::with_features(recordings_.at(name), reduction->second.apply(descriptors(name)));
 }
 
 }  // namespace citylearn::paper

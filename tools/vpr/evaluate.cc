@@ -12,9 +12,9 @@
 #include "core/wire/service.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/plane.h"
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
+#include "tools/lab/python.h"
 #include "tools/vpr/match_picture.h"
-#include "tools/vpr/python.h"
 #include "tools/vpr/report.h"
 #include "tools/vpr/similarity_picture.h"
 
@@ -67,7 +67,7 @@ class Evaluation {
         if (!options_.together) run_parts(std::exchange(parts, {}));
       }
       if (!parts.empty()) run_parts(parts);
-    } catch (const Stopped&) {
+    } catch (const lab::Stopped&) {
       stopped = true;
     }
     if (rows_.empty() && !stopped)
@@ -84,7 +84,7 @@ class Evaluation {
   /// The figures are complete without the curves' pictures, which need Python and matplotlib.
   void draw() const {
     try {
-      run_python("vpr/recognition_page.py", {options_.output});
+      lab::run_python("vpr/recognition_page.py", {options_.output});
     } catch (const Error& error) {
       spdlog::warn("index.html and its curves not drawn: {}", error.what());
     }
@@ -160,20 +160,20 @@ class Evaluation {
   /// All frames by one encoder.
   struct Part {
     std::string label, name;
-    Descriptors reference;
-    std::vector<Descriptors> queries;
+    lab::Descriptors reference;
+    std::vector<lab::Descriptors> queries;
   };
 
   Part encoded_part(const std::string& label, Encoder& encoder) const {
-    fit_encoder(encoder, reference_);
-    Part part{label, encoder.spec().name, encode(encoder, reference_, label, options_.store), {}};
-    for (const Traversal& query : queries_) part.queries.push_back(encode(encoder, query, label, options_.store));
+    lab::fit_encoder(encoder, reference_);
+    Part part{label, encoder.spec().name, lab::encode(encoder, reference_, label, options_.store), {}};
+    for (const Traversal& query : queries_) part.queries.push_back(lab::encode(encoder, query, label, options_.store));
     return part;
   }
 
   Part features_part() const {
-    Part part{"features", "features of " + options_.source.dataset, features_of(reference_), {}};
-    for (const Traversal& query : queries_) part.queries.push_back(features_of(query));
+    Part part{"features", "features of " + options_.source.dataset, lab::features_of(reference_), {}};
+    for (const Traversal& query : queries_) part.queries.push_back(lab::features_of(query));
     return part;
   }
 
@@ -188,7 +188,7 @@ class Evaluation {
     }
     for (const std::string& centring : options_.centrings)
       for (const int dimension : options_.dimensions) {
-        if (stop_requested()) throw Stopped{};
+        if (stop_requested()) throw lab::Stopped{};
         if (dimension > most) {
           spdlog::warn("{}: no PCA to {} dimensions, as {} are the most: left out", label, dimension, most);
           continue;
@@ -225,15 +225,15 @@ class Evaluation {
           row.whitening = dimension > 0 ? options_.whitening : 0;
           for (const Part& part : parts) row.encode_seconds += part.reference.seconds + part.queries[i].seconds;
           row.seconds = learning + seconds_since(began);
-          for (const Method& method : methods_) run_method(row, method, reduced, query, i);
+          for (const lab::Method& method : methods_) run_method(row, method, reduced, query, i);
         }
       }
   }
 
-  void run_method(Row row, const Method& method, const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query,
+  void run_method(Row row, const lab::Method& method, const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query,
                   std::size_t index) {
     const Clock::time_point start = Clock::now();
-    const Method::Result result = method.run(reference, query, truths_[index], options_.matching);
+    const lab::Method::Result result = method.run(reference, query, truths_[index], options_.matching);
     row.seconds += seconds_since(start);
     const Answers& found = result.answers;
     row.method = method.name();
@@ -252,7 +252,7 @@ class Evaluation {
     row.curve = precision_recall(found);
     row.roc = roc(found);
     row.auc_interval = auc_interval(found, options_.matching.seed);
-    if (stop_requested()) throw Stopped{};
+    if (stop_requested()) throw lab::Stopped{};
     if (options_.pictures)
       write_file(options_.output + "/similarity-" + slug_of(row) + ".png", matrix_png(result.similarity));
     if (options_.pictures && reference_.images) {
@@ -268,7 +268,7 @@ class Evaluation {
   }
 
   const Options& options_;
-  std::vector<Method> methods_;
+  std::vector<lab::Method> methods_;
   std::vector<std::pair<std::string, std::unique_ptr<Encoder>>> encoders_;  // by name, as asked for
   Traversal reference_;
   std::vector<Traversal> queries_;

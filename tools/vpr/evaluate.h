@@ -8,7 +8,7 @@
 #include "encoder_service/encoding/encoder.h"
 #include "encoder_service/encoding/reduction.h"
 #include "env_service/dataset_io/selection.h"
-#include "tools/vpr/methods.h"
+#include "tools/lab/recognition/methods.h"
 
 namespace citylearn::vpr {
 
@@ -30,7 +30,7 @@ struct Options {
   double whitening = 0.2;
   // Matching and evaluation.
   std::vector<std::string> methods = {"nearest"};
-  MatchingOptions matching;
+  lab::MatchingOptions matching;
   int tolerance = 2;
   double radius = 0;  ///< metres within which a frame is a right answer; 0: frames within `tolerance` are
   bool pictures = true;

@@ -49,7 +49,7 @@ void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
       ->check(CLI::Range(0.0, 0.5));
 
   app.option_defaults()->group("Matching");
-  vpr::MatchingOptions& match = options.matching;
+  lab::MatchingOptions& match = options.matching;
   add_list(app, "--method", options.methods,
            "nearest or mlp, then any of csls, contrast, sequence, past, seqslam, joined by +, such as csls+sequence");
   app.add_option("--measure", line.measure, "How features are compared: cosine, l2, l1")

@@ -6,7 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "encoder_service/encoding/picture_encoder.h"
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
 
 namespace citylearn::vpr {
 namespace {
@@ -19,7 +19,7 @@ std::string matches_jpeg(const Traversal& reference, const Traversal& query, con
                          const GroundTruth& truth, int most) {
   const cv::Scalar white(255, 255, 255), green(0, 160, 0), red(0, 0, 220);
   const int columns = std::min(most, query.frames);
-  const cv::Mat first = read_picture(query, 0);
+  const cv::Mat first = lab::read_picture(query, 0);
   const int height = std::clamp(kWidth * first.rows / first.cols, 1, 2 * kWidth);
   const int across = kWidth + 2 * kBorder + kGap, down = height + 2 * kBorder + kGap;
   cv::Mat sheet(3 * down, columns * across, CV_8UC3, white);
@@ -28,7 +28,7 @@ std::string matches_jpeg(const Traversal& reference, const Traversal& query, con
     const cv::Rect place(column * across, row * down, kWidth + 2 * kBorder, height + 2 * kBorder);
     sheet(place).setTo(colour);
     const cv::Mat inside = sheet(place)(cv::Rect(kBorder, kBorder, kWidth, height));
-    scaled(read_picture(traversal, frame), kWidth, height).copyTo(inside);
+    scaled(lab::read_picture(traversal, frame), kWidth, height).copyTo(inside);
   };
   for (int column = 0; column < columns; ++column) {
     const int q = static_cast<int>((2 * static_cast<long>(column) + 1) * query.frames / (2 * columns));

@@ -3,8 +3,8 @@
 
 #include <string>
 
-#include "encoder_service/recognition/evaluation.h"
 #include "env_service/dataset_io/traversal.h"
+#include "tools/lab/recognition/evaluation.h"
 
 namespace citylearn::vpr {
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "encoder_service/recognition/evaluation.h"
+#include "tools/lab/recognition/evaluation.h"
 #include "tools/vpr/evaluate.h"
 
 namespace citylearn::vpr {

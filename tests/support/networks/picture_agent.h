@@ -21,8 +21,8 @@
 #include "policy_service/rollout/task_waves.h"
 #include "tests/support/files.h"
 #include "tools/export/picture_export.h"
-#include "tools/inprocess/training.h"
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
+#include "tools/lab/training.h"
 
 namespace citylearn::testing {
 
@@ -47,10 +47,10 @@ class PictureAgent {
       : files_(files), reference_(recording("summer")), season_(recording("fall")) {
     const auto& entry = EncoderRegistry::instance().find("encoder", encoder);
     encoder_ = entry.create(Parameters(encoder, entry.parameters, values), files);
-    const Eigen::MatrixXf descriptors = vpr::encode(*encoder_, reference_, "", "").matrix;
+    const Eigen::MatrixXf descriptors = lab::encode(*encoder_, reference_, "", "").matrix;
     reduction_ = Reduction::learn(descriptors, {.centring = centring, .dimension = kDimension});
-    const Traversal learned = vpr::with_features(reference_, reduction_.apply(descriptors));
-    season_seen_ = vpr::with_features(season_, reduction_.apply(vpr::encode(*encoder_, season_, "", "").matrix));
+    const Traversal learned = lab::with_features(reference_, reduction_.apply(descriptors));
+    season_seen_ = lab::with_features(season_, reduction_.apply(lab::encode(*encoder_, season_, "", "").matrix));
     TrainerOptions options;
     options.agent = agent;
     InprocessTraining training(options, learned, kFrames);
@@ -132,7 +132,7 @@ class PictureAgent {
   }
 
   /// A picture of the other season, BGR.
-  cv::Mat season_picture(int frame) const { return vpr::read_picture(season_, frame); }
+  cv::Mat season_picture(int frame) const { return lab::read_picture(season_, frame); }
   std::span<const float> features(int frame) const { return season_seen_.feature(frame); }
 
  private:

@@ -27,8 +27,8 @@ const std::vector<std::vector<std::string>> kOrders = {
      "core/metrics", "core/wire", "core/ros2", "core/recording"},
     {"env_service/files", "env_service/images", "env_service/geometry", "env_service/dataset_io",
      "env_service/drawn_city", "env_service/datasets", "env_service/live", "env_service"},
-    {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/recognition",
-     "encoder_service/pipeline", "encoder_service"},
+    {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/pipeline",
+     "encoder_service"},
     {"policy_service/network", "policy_service/network/autodiff", "policy_service/network/agents",
      "policy_service/rollout", "policy_service/learning", "policy_service/learning/optimization",
      "policy_service/learning/learners", "policy_service/interchange", "policy_service/interchange/exporters",
@@ -81,6 +81,13 @@ TEST(Floors, CoreKnowsNoService) {
   for (const Include& include : all)
     for (const std::string& service : kServices)
       EXPECT_FALSE(include.target.starts_with(service + "/")) << include.file << ": " << include.line;
+}
+
+TEST(Floors, TheLabKnowsServicesAndTheseKnowNoTool) {
+  for (const std::string part : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools/lab"})
+    for (const Include& include : includes_below(part))
+      EXPECT_TRUE(!include.target.starts_with("tools/") || include.target.starts_with(part + "/"))
+          << include.file << ": " << include.line;
 }
 
 TEST(Floors, SubFoldersIncludeOnlyLowerOnes) {

@@ -12,7 +12,7 @@
 #include "env_service/geometry/crossings.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
-#include "tools/inprocess/training.h"
+#include "tools/lab/training.h"
 #include "tools/paper/studies/statistics.h"
 #include "tools/paper/studies/stoppable.h"
 #include "tools/paper/studies/walk.h"

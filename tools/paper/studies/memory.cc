@@ -13,7 +13,7 @@
 #include "core/util/error.h"
 #include "core/wire/service.h"
 #include "env_service/environment.h"
-#include "tools/vpr/child.h"
+#include "tools/lab/child.h"
 
 namespace citylearn::paper {
 namespace {
@@ -62,7 +62,7 @@ std::vector<std::string> command_line(const std::string& program, const World& w
 
 double of_process(const std::string& program, const World& world) {
   const std::string log = (std::filesystem::temp_directory_path() / fmt::format("memory-{}.log", getpid())).string();
-  vpr::Child child(command_line(program, world), log);
+  lab::Child child(command_line(program, world), log);
   const auto take_log = [&log] {
     const std::string text = read_file(log);
     std::filesystem::remove(log);

@@ -2,7 +2,7 @@
 #include "tools/paper/studies/recognition.h"
 
 #include "core/wire/service.h"
-#include "tools/vpr/methods.h"
+#include "tools/lab/recognition/methods.h"
 
 namespace citylearn::paper {
 namespace {
@@ -15,7 +15,7 @@ Json recognise(World& world, const RecognitionCase& one) {
   const Eigen::MatrixXf reference = matrix(world.train()), query = matrix(one.query);
   const auto truth =
       GroundTruth::by_index(static_cast<int>(reference.cols()), static_cast<int>(query.cols()), kPlaceTolerance);
-  const vpr::Method::Result result = vpr::Method(one.method).run(reference, query, truth, {});
+  const lab::Method::Result result = lab::Method(one.method).run(reference, query, truth, {});
   if (stop_requested()) throw Stopped{};
   const PrecisionRecall curve = precision_recall(result.answers);
   const Interval interval = auc_interval(result.answers, 1);

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "encoder_service/recognition/evaluation.h"
+#include "tools/lab/recognition/evaluation.h"
 
 namespace citylearn::paper {
 namespace {

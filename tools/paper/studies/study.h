@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/inprocess/training.h"
+#include "tools/lab/training.h"
 #include "tools/paper/work.h"
 #include "tools/paper/world.h"
 

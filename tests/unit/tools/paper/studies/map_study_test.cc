@@ -8,7 +8,7 @@
 
 #include "env_service/geometry/crossings.h"
 #include "tests/unit/tools/paper/looped_recording.h"
-#include "tools/inprocess/training.h"
+#include "tools/lab/training.h"
 
 namespace citylearn::paper {
 namespace {

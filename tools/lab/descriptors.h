@@ -7,7 +7,7 @@
 #include "encoder_service/encoding/encoder.h"
 #include "env_service/dataset_io/traversal.h"
 
-namespace citylearn::vpr {
+namespace citylearn::lab {
 
 /// Ctrl-C arrived: complete results are kept, the rest is abandoned.
 struct Stopped {};
@@ -35,4 +35,4 @@ Traversal with_features(Traversal traversal, const Eigen::MatrixXf& features);
 /// Features that a traversal has already.
 Descriptors features_of(const Traversal& traversal);
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn::lab

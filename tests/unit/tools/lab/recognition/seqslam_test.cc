@@ -9,11 +9,11 @@
 
 #include "core/util/error.h"
 #include "core/util/random.h"
-#include "encoder_service/recognition/evaluation.h"
-#include "encoder_service/recognition/sequence.h"
 #include "tests/paths.h"
 #include "tests/support/data/matfile.h"
 #include "tests/support/data/real_data.h"
+#include "tools/lab/recognition/evaluation.h"
+#include "tools/lab/recognition/sequence.h"
 
 namespace citylearn::testing {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace citylearn::vpr {
+namespace citylearn::lab {
 
 /// A child process, killed when this object is destroyed.
 class Child {
@@ -28,4 +28,4 @@ class Child {
   std::optional<int> status_;
 };
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn::lab

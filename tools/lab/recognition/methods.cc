@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/vpr/methods.h"
+#include "tools/lab/recognition/methods.h"
 
 #include <cmath>
 #include <limits>
@@ -7,11 +7,11 @@
 
 #include "core/util/error.h"
 #include "core/wire/service.h"
-#include "encoder_service/recognition/classifier.h"
-#include "encoder_service/recognition/sequence.h"
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
+#include "tools/lab/recognition/classifier.h"
+#include "tools/lab/recognition/sequence.h"
 
-namespace citylearn::vpr {
+namespace citylearn::lab {
 namespace {
 
 Eigen::MatrixXf classified(const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query,
@@ -72,4 +72,4 @@ Method::Result Method::run(const Eigen::MatrixXf& reference, const Eigen::Matrix
   return result;
 }
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn::lab

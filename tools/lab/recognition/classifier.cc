@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "encoder_service/recognition/classifier.h"
+#include "tools/lab/recognition/classifier.h"
 
 #include <algorithm>
 #include <cmath>

@@ -8,9 +8,9 @@
 
 #include "core/util/error.h"
 #include "core/util/random.h"
-#include "encoder_service/recognition/classifier.h"
-#include "encoder_service/recognition/evaluation.h"
-#include "encoder_service/recognition/similarity.h"
+#include "tools/lab/recognition/classifier.h"
+#include "tools/lab/recognition/evaluation.h"
+#include "tools/lab/recognition/similarity.h"
 
 namespace citylearn {
 namespace {

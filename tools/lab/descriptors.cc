@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/descriptors.h"
 
 #include <algorithm>
 #include <opencv2/core.hpp>
@@ -10,7 +10,7 @@
 #include "core/wire/service.h"
 #include "encoder_service/pipeline/feature_store.h"
 
-namespace citylearn::vpr {
+namespace citylearn::lab {
 
 cv::Mat read_picture(const Traversal& traversal, int frame) {
   if (stop_requested()) throw Stopped{};
@@ -82,4 +82,4 @@ Descriptors features_of(const Traversal& traversal) {
   return result;
 }
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn::lab

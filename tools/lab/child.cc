@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/vpr/child.h"
+#include "tools/lab/child.h"
 
 #include <fcntl.h>
 #include <signal.h>
@@ -13,7 +13,7 @@
 
 extern char** environ;
 
-namespace citylearn::vpr {
+namespace citylearn::lab {
 
 Child::Child(std::vector<std::string> command, const std::string& log) {
   std::vector<char*> words;
@@ -43,4 +43,4 @@ std::optional<int> Child::status() {
   return status_;
 }
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn::lab

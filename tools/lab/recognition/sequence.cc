@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "encoder_service/recognition/sequence.h"
+#include "tools/lab/recognition/sequence.h"
 
 #include <algorithm>
 #include <cmath>

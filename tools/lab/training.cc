@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/inprocess/training.h"
+#include "tools/lab/training.h"
 
 #include <algorithm>
 

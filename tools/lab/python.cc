@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/vpr/python.h"
+#include "tools/lab/python.h"
 
 #include <poll.h>
 #include <unistd.h>
@@ -9,10 +9,10 @@
 #include "core/files/files.h"
 #include "core/util/error.h"
 #include "core/wire/service.h"
-#include "tools/vpr/child.h"
-#include "tools/vpr/descriptors.h"
+#include "tools/lab/child.h"
+#include "tools/lab/descriptors.h"
 
-namespace citylearn::vpr {
+namespace citylearn::lab {
 namespace {
 
 namespace fs = std::filesystem;
@@ -56,4 +56,4 @@ void run_python(const std::string& program, const std::vector<std::string>& argu
   throw Error(last_line(output), path, incomplete ? "apt-get install python3-matplotlib python3-jinja2" : "");
 }
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn::lab

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "encoder_service/recognition/evaluation.h"
+#include "tools/lab/recognition/evaluation.h"
 
 #include <algorithm>
 #include <cmath>

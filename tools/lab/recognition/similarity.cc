@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "encoder_service/recognition/similarity.h"
+#include "tools/lab/recognition/similarity.h"
 
 #include <algorithm>
 #include <functional>

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "encoder_service/recognition/evaluation.h"
-#include "encoder_service/recognition/similarity.h"
+#include "tools/lab/recognition/evaluation.h"
+#include "tools/lab/recognition/similarity.h"
 
-namespace citylearn::vpr {
+namespace citylearn::lab {
 
 /// How features become answers.
 struct MatchingOptions {
@@ -46,4 +46,4 @@ class Method {
   std::vector<std::string> steps_;  // the first is nearest or mlp
 };
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn::lab
