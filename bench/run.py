@@ -45,7 +45,7 @@ def arguments():
         epilog=f"repeated by default: {', '.join(REPEATED)}\nstatus: 0, 1 when something is slower, 2 after an error\n"
         "bench/README.md says how to read the result.")
     parser.add_argument("--build", help=argparse.SUPPRESS)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="a folder of bench/")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="a folder of bench/, or a case of bench/cases")
     parser.add_argument("--keep", type=Path, metavar="FILE", help="keep the figures here, for a later --compare")
     parser.add_argument("--compare", type=Path, metavar="FILE", help="say what is slower than these kept figures")
     parser.add_argument("--against", type=Path, metavar="BUILD",
@@ -58,7 +58,8 @@ def arguments():
     if args.compare and args.against:
         parser.error("--compare and --against exclude each other")
     args.measures = bool(args.keep or args.compare or args.against)
-    known = sorted(REPEATED) if args.measures else sorted(path.parent.name for path in SOURCE.glob("*/README.md"))
+    known = sorted(REPEATED if args.measures else [path.parent.name for path in SOURCE.glob("*/README.md")] +
+                   [path.stem for path in SOURCE.glob("cases/*.md")])
     for name in args.names:
         if name not in known:
             what = "benchmark that records figures" if args.measures else "benchmark"
@@ -69,12 +70,16 @@ def arguments():
 
 def command(build, name):
     """Returns the words that start a benchmark of a build folder. Raises Failure."""
-    program, script = Path(build) / f"bench/{name}/bench_{name}", SOURCE / name / f"{name}.py"
+    program, cases = Path(build) / f"bench/{name}/bench_{name}", Path(build) / "bench/cases/bench_cases"
+    script = SOURCE / name / f"{name}.py"
     if script.exists():
         return ["/usr/bin/python3", "-B", str(script), str(build)]  # Debian's, which has numpy
-    if not program.exists():
-        raise Failure(f"{program} is missing; build it with ./run build")
-    return [str(program)]
+    words = [program]
+    if (SOURCE / f"cases/{name}.md").exists() and (cases.exists() or not program.exists()):
+        words = [cases, name]  # older builds have a program for each
+    if not words[0].exists():
+        raise Failure(f"{words[0]} is missing; build it with ./run build")
+    return list(map(str, words))
 
 
 def machine():

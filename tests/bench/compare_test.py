@@ -39,12 +39,13 @@ class Compare(unittest.TestCase):
         self.kept = self.folder / "kept.json"
         self.build = self.made("build", [line(1000)])
 
-    def made(self, name, lines):
-        """Returns a build folder with a bench_loop that records these lines."""
-        folder = self.folder / name / "bench/loop"
+    def made(self, name, lines, program="bench/cases/bench_cases"):
+        """Returns a build folder whose program for loop records these lines."""
+        program = self.folder / name / program
+        folder = program.parent
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "bench_loop").write_text(PROGRAM)
-        (folder / "bench_loop").chmod(0o755)
+        program.write_text(PROGRAM)
+        program.chmod(0o755)
         (folder / "figures").write_text("\n".join(lines) + "\n")
         (folder / "calls").unlink(missing_ok=True)
         return self.folder / name
@@ -92,7 +93,7 @@ class Compare(unittest.TestCase):
 
     def test_another_build_is_measured_by_turns(self):
         self.made("build", [line(900)])
-        before = self.made("before", [line(1000)])
+        before = self.made("before", [line(1000)], "bench/loop/bench_loop")  # an older one
         self.assertIn("slower", self.bench("--against", before, status=1))
         self.assertEqual((before / "bench/loop/calls").read_text(), "5\n")
         self.assertIn("0 slower", self.bench("--against", self.build, status=0))
@@ -142,7 +143,7 @@ class Compare(unittest.TestCase):
                                (["--compare", self.kept, "--against", self.build], "exclude each other")):
             self.assertRegex(self.bench(*words, status=2), pattern)
         self.assertRegex(self.bench("--keep", self.folder / "no/kept.json", status=2), "there is no folder")
-        self.assertRegex(self.bench("--against", self.folder / "no", status=2), "bench_loop is missing; build it")
+        self.assertRegex(self.bench("--against", self.folder / "no", status=2), "bench_cases is missing; build it")
 
 
 if __name__ == "__main__":

@@ -1,18 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// See README.md.
-#include <cstdio>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
-
-#include "bench/bench.h"
+#include "bench/cases/cases.h"
 #include "tests/support/processes/hosts.h"
 #include "tests/support/text.h"
 
+namespace citylearn::bench {
 namespace {
 
 using namespace citylearn::testing;
+using std::chrono::seconds;
 
 constexpr int kPhases = 6;
 constexpr seconds kPhase{2}, kPatience{60};
@@ -27,7 +22,7 @@ std::pair<double, double> progress(const std::string& folder) {
 }
 
 void compare(const std::string& middleware, int percent) {
-  if (const std::string reason = Hosts::unavailable(); !reason.empty()) throw citylearn::Error(reason);
+  if (const std::string reason = Hosts::unavailable(); !reason.empty()) throw Error(reason);
   Hosts hosts(3);
   const Folder folder;
   const auto start = [&](int host, Arguments command, const std::string& name, const std::string& peers) {
@@ -45,13 +40,13 @@ void compare(const std::string& middleware, int percent) {
                              "1000000000", "--output", folder / "out"},
                             "policy", Hosts::address(1) + "," + Hosts::address(2));
   if (!poll_until([&] { return progress(folder / "out").first > 0; }, kPatience))
-    throw citylearn::Error("does not train:\n" + policy->output());
+    throw Error("does not train:\n" + policy->output());
   double steps[2] = {0, 0}, time[2] = {0, 0};
   for (int phase = 0; phase < kPhases; ++phase) {
     const int lossy = phase % 2;
     hosts.lose(lossy ? percent : 0);
     const auto [steps_before, time_before] = progress(folder / "out");
-    if (policy->wait(kPhase)) throw citylearn::Error("training failed:\n" + policy->output());
+    if (policy->wait(kPhase)) throw Error("training failed:\n" + policy->output());
     const auto [steps_after, time_after] = progress(folder / "out");
     steps[lossy] += steps_after - steps_before;
     time[lossy] += time_after - time_before;
@@ -63,11 +58,12 @@ void compare(const std::string& middleware, int percent) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  std::string middleware = "cyclonedds";
-  int percent = 5;
-  CLI::App app("A training whose network loses packets beside one whose network does not", "bench_loss");
-  app.add_option("middleware", middleware, "cyclonedds or fastdds")->capture_default_str();
-  app.add_option("percent", percent, "packets lost")->capture_default_str()->check(CLI::Range(1, 50));
-  return citylearn::bench::run(app, argc, argv, [&] { compare(middleware, percent); });
+Measure loss(CLI::App& command) {
+  const auto middleware = std::make_shared<std::string>("cyclonedds");
+  const auto percent = std::make_shared<int>(5);
+  command.add_option("middleware", *middleware, "cyclonedds or fastdds")->capture_default_str();
+  command.add_option("percent", *percent, "packets lost")->capture_default_str()->check(CLI::Range(1, 50));
+  return [=] { compare(*middleware, *percent); };
 }
+
+}  // namespace citylearn::bench

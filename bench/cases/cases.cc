@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/cases/cases.h"
+
+#include "bench/program.h"
+
+namespace citylearn::bench {
+
+void take_turns(std::span<Contender> contenders, int rounds, bool warm_each) {
+  for (const Contender& one : contenders) one.work();
+  for (int round = 0; round < rounds; ++round)
+    for (Contender& one : contenders) {
+      if (warm_each) one.work();
+      one.seconds.push_back(seconds(one.work));
+      one.ratios.push_back(one.seconds.back() / contenders.front().seconds.back());
+    }
+}
+
+Session::Session(std::string middleware) : middleware_(std::move(middleware)) {
+  static int count = 0;
+  name_ = "bench-" + std::to_string(getpid()) + "-" + std::to_string(++count);
+}
+
+testing::Service& Session::start(testing::Arguments command, const std::string& name) {
+  command = on_wire(std::move(command), middleware_, kDomain, name_);
+  services_.push_back(std::make_unique<testing::Service>(command, folder_ / (name + ".log")));
+  return *services_.back();
+}
+
+}  // namespace citylearn::bench

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "bench/bench.h"
+#include "bench/figures.h"
+#include "tests/support/processes/service.h"
+
+// What the cases of bench_cases share.
+
+namespace citylearn::bench {
+
+/// Each adds its options to the command of its name and returns what it measures. NAME.md states its question.
+using Measure = std::function<void()>;
+Measure encoder(CLI::App& command);
+Measure encoding(CLI::App& command);
+Measure images(CLI::App& command);
+Measure loop(CLI::App& command);
+Measure loss(CLI::App& command);
+Measure roles(CLI::App& command);
+Measure services(CLI::App& command);
+Measure startup(CLI::App& command);
+Measure threads(CLI::App& command);
+Measure torch(CLI::App& command);
+
+/// What is timed by turns with others.
+struct Contender {
+  std::string name;
+  std::function<void()> work;
+  std::vector<double> seconds = {}, ratios = {};  ///< by round; the time divided by the first contender's
+};
+
+/// Times all contenders in each round. All work once before, to warm up; with `warm_each` each of them before each
+/// time.
+void take_turns(std::span<Contender> contenders, int rounds, bool warm_each = false);
+
+/// Services on loopback that find none but one another. They are killed when this goes.
+class Session {
+ public:
+  explicit Session(std::string middleware);
+  /// Starts a program with the session's options; it logs to NAME.log.
+  testing::Service& start(testing::Arguments command, const std::string& name);
+  const std::string& name() const { return name_; }
+  const testing::Folder& folder() const { return folder_; }  ///< for what the programs write
+
+ private:
+  testing::Folder folder_;
+  std::string middleware_, name_;
+  std::vector<std::unique_ptr<testing::Service>> services_;
+};
+
+constexpr int kDomain = 150;  ///< of all sessions
+
+}  // namespace citylearn::bench

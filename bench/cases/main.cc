@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Small benchmarks: bench_cases NAME [OPTIONS]. NAME.md states each one's question.
+#include "bench/cases/cases.h"
+
+int main(int argc, char** argv) {
+  using namespace citylearn::bench;
+  struct Case {
+    const char *name, *help;
+    Measure (*add)(CLI::App& command);
+  };
+  CLI::App app("Benchmarks that take little", "bench_cases");
+  app.require_subcommand(1);
+  Measure chosen;
+  for (const Case& one :
+       {Case{"encoder", "What the encoder of ONNX networks costs beside OpenCV's forward pass", encoder},
+        {"encoding", "What encoders cost beside decoding the pictures", encoding},
+        {"images", "Training on pictures beside training on features, over DDS", images},
+        {"loop", "Training over DDS beside training in one process", loop},
+        {"loss", "A training whose network loses packets beside one whose network does not", loss},
+        {"roles", "A learner with actors beside one policy_service that is both", roles},
+        {"services", "Training with many env_services of one agent beside one of many", services},
+        {"startup", "How long services take to start", startup},
+        {"threads", "The updates of a learner on more threads and in more shards", threads},
+        {"torch", "The updates of ppo and torch_ppo on the same rollouts", torch}}) {
+    CLI::App* command = app.add_subcommand(one.name, one.help);
+    command->callback([&chosen, measure = one.add(*command)] { chosen = measure; });
+  }
+  return run(app, argc, argv, [&] { chosen(); });
+}
