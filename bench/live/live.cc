@@ -47,34 +47,27 @@ class Crowd {
   pid_t process_;
 };
 
-/// Connects `count` clients and reads from all of them, for ever.
-void watch(std::uint16_t port, int count) {
-  std::vector<int> sockets;
-  for (int i = 0; i < count; ++i) {
-    const int one = ::socket(AF_INET, SOCK_STREAM, 0);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    if (::connect(one, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) throw Error("cannot connect");
-    std::string text =
-        "GET /api/live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n";
-    std::string answer(4096, '\0');
-    if (::send(one, text.data(), text.size(), MSG_NOSIGNAL) < 0 || ::recv(one, answer.data(), answer.size(), 0) <= 0)
-      throw Error("cannot shake hands");
-    text = '\x81';
-    text += static_cast<char>(0x80 | kWatch.size());
-    text += std::string(4, '\0') + kWatch;  // a mask of zeros
-    if (::send(one, text.data(), text.size(), MSG_NOSIGNAL) < 0) throw Error("cannot send");
-    sockets.push_back(one);
-  }
+/// Reads from all sockets, for ever.
+void drain(const std::vector<int>& sockets) {
   std::vector<pollfd> ready;
   for (const int one : sockets) ready.push_back({one, POLLIN, 0});
   std::vector<char> bytes(1 << 16);
   while (::poll(ready.data(), ready.size(), -1) > 0)
     for (pollfd& one : ready)
       if (one.revents && ::recv(one.fd, bytes.data(), bytes.size(), 0) <= 0) one.fd = -1;
+}
+
+/// Connects `count` clients and reads what all of them watch.
+void watch(std::uint16_t port, int count) {
+  std::vector<std::unique_ptr<WebClient>> clients;
+  std::vector<int> sockets;
+  for (int i = 0; i < count; ++i) {
+    clients.push_back(std::make_unique<WebClient>(port));
+    clients.back()->upgrade();
+    clients.back()->say(kWatch);
+    sockets.push_back(clients.back()->descriptor());
+  }
+  drain(sockets);
 }
 
 void publish(ClientHub& hub) {
@@ -131,14 +124,7 @@ double bare_share(int clients, std::chrono::seconds duration) {
     theirs.push_back(one);
     ::close(listener);
   }
-  const Crowd readers([&] {
-    std::vector<pollfd> ready;
-    for (const int one : theirs) ready.push_back({one, POLLIN, 0});
-    std::vector<char> bytes(1 << 16);
-    while (::poll(ready.data(), ready.size(), -1) > 0)
-      for (pollfd& one : ready)
-        if (one.revents && ::recv(one.fd, bytes.data(), bytes.size(), 0) <= 0) return;
-  });
+  const Crowd readers([&] { drain(theirs); });
   const std::vector<char> scene(kScene + 200), picture(kPicture + 200);
   const double before = process_use().processor_seconds;
   const auto begin = Clock::now();

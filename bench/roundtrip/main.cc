@@ -7,12 +7,12 @@
 #include <algorithm>
 #include <condition_variable>
 #include <cstdio>
-#include <cstring>
 #include <mutex>
 #include <optional>
 
 #include "bench/bench.h"
 #include "bench/figures.h"
+#include "bench/round_trips.h"
 #include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
 #include "tests/support/processes/service.h"
@@ -67,39 +67,6 @@ std::size_t size_of(Message message) {
   return bytes.size();
 }
 
-/// The number of the trip, in the first bytes after the encapsulation.
-std::uint32_t number_in(std::span<const std::byte> sample) {
-  std::uint32_t number;
-  std::memcpy(&number, sample.data() + 4, sizeof number);
-  return number;
-}
-void set_number(Bytes& sample, std::uint32_t number) { std::memcpy(sample.data() + 4, &number, sizeof number); }
-
-bool input_ended() {
-  pollfd input{STDIN_FILENO, POLLIN, 0};
-  return poll(&input, 1, 0) > 0;
-}
-
-/// Times of the trips asked for, one after another. A question unanswered for 200 ms is sent again.
-class Trips {
- public:
-  explicit Trips(const Settings& settings) : warm_(settings.trips / 10), last_(warm_ + settings.trips) {
-    times.reserve(static_cast<std::size_t>(settings.trips));
-  }
-  std::uint32_t number() const { return static_cast<std::uint32_t>(number_); }
-  bool finished() const { return number_ >= last_; }
-  void begin() { begin_ = Clock::now(); }
-  void end() {
-    if (number_ >= warm_) times.push_back(seconds_since(begin_) * 1e6);
-    ++number_;
-  }
-  std::vector<double> times;
-
- private:
-  int warm_, last_, number_ = 0;
-  Clock::time_point begin_;
-};
-
 // --- Bare vendors
 
 std::unique_ptr<roundtrip::Port> open_port(const std::string& vendor, const roundtrip::PortOptions& options) {
@@ -123,7 +90,7 @@ void answer_bare(const Settings& settings, const std::string& vendor, const std:
   ready.lock();
   options.received = [&](std::span<const std::byte> question) {
     std::lock_guard lock(ready);
-    set_number(answer, number_in(question));
+    bench::set_number(answer, bench::number_in(question));
     port->send(answer);
   };
   port = open_port(vendor, options);
@@ -135,18 +102,18 @@ void answer_bare(const Settings& settings, const std::string& vendor, const std:
 std::vector<double> ask_bare(const Settings& settings, const std::string& vendor, const std::string& path) {
   roundtrip::PortOptions options = port_options(settings, path, true);
   Bytes question(options.question);
-  Trips trips(settings);
+  bench::Trips trips(settings.trips);
   std::mutex mutex;
   std::condition_variable done;
   std::unique_ptr<roundtrip::Port> port;
   const auto ask = [&] {
-    set_number(question, trips.number());
+    bench::set_number(question, trips.number());
     trips.begin();
     port->send(question);
   };
   options.received = [&](std::span<const std::byte> answer) {
     std::lock_guard lock(mutex);
-    if (trips.finished() || number_in(answer) != trips.number()) return;
+    if (trips.finished() || bench::number_in(answer) != trips.number()) return;
     trips.end();
     if (trips.finished())
       done.notify_one();
@@ -177,44 +144,11 @@ MiddlewareOptions middleware_options(const Settings& settings, const std::string
   return options;
 }
 
-Topic bytes_topic(const char* name, std::size_t size) {
-  return {name, std::string("Bytes_") + name, Profile::kCommand, size};
-}
-
-void answer_middleware(const Settings& settings, const std::string& vendor) {
-  const auto middleware = create_middleware(middleware_options(settings, vendor, "answerer"));
-  const std::size_t size = size_of(make_observation(settings));
-  Bytes question(size), answer(size_of(make_action(settings)));
-  answer[1] = std::byte{1};
-  const auto publisher = middleware->create_publisher(bytes_topic("answer", answer.size()));
-  const auto subscription = middleware->create_subscription(bytes_topic("question", size));
-  while (!input_ended())
-    for (const auto limit = Clock::now() + milliseconds(100); middleware->wait(limit);)
-      while (subscription->take(question)) {
-        set_number(answer, number_in(question));
-        publisher->publish(answer);
-      }
-}
-
-std::vector<double> ask_middleware(const Settings& settings, const std::string& vendor) {
-  const auto middleware = create_middleware(middleware_options(settings, vendor, "asker"));
-  Bytes question(size_of(make_observation(settings))), answer(size_of(make_action(settings)));
-  question[1] = std::byte{1};
-  const auto publisher = middleware->create_publisher(bytes_topic("question", question.size()));
-  const auto subscription = middleware->create_subscription(bytes_topic("answer", answer.size()));
-  Trips trips(settings);
-  while (!trips.finished()) {
-    set_number(question, trips.number());
-    trips.begin();
-    for (bool answered = false; !answered;) {
-      publisher->publish(question);
-      const auto limit = Clock::now() + milliseconds(200);
-      while (!answered && middleware->wait(limit))
-        while (!answered && subscription->take(answer)) answered = number_in(answer) == trips.number();
-    }
-    trips.end();
-  }
-  return trips.times;
+bench::TripTopics topics_of(const Settings& settings) {
+  const auto topic = [](const char* name, std::size_t size) {
+    return Topic{name, std::string("Bytes_") + name, Profile::kCommand, size};
+  };
+  return {topic("question", size_of(make_observation(settings))), topic("answer", size_of(make_action(settings)))};
 }
 
 Node::Options node_options(const Settings& settings, const std::string& vendor, const std::string& id) {
@@ -232,7 +166,7 @@ void answer_node(const Settings& settings, const std::string& vendor) {
   msg::Observation question;
   msg::Action answer = make_action(settings);
   answer.environment("asker");
-  while (!input_ended())
+  while (!bench::input_ended())
     for (const auto limit = Clock::now() + milliseconds(100); node.wait(limit);)
       while (node.take(question)) {
         answer.step(question.step());
@@ -246,7 +180,7 @@ std::vector<double> ask_node(const Settings& settings, const std::string& vendor
   node.create_reader<msg::Action>();
   msg::Observation question = make_observation(settings);
   msg::Action answer;
-  Trips trips(settings);
+  bench::Trips trips(settings.trips);
   while (!trips.finished()) {
     question.step(trips.number());
     trips.begin();
@@ -267,7 +201,8 @@ bool is_bare(const std::string& path) { return std::find(kBare.begin(), kBare.en
 
 void answer(const Settings& settings, const std::string& vendor, const std::string& path) {
   if (is_bare(path)) return answer_bare(settings, vendor, path);
-  if (path == "middleware") return answer_middleware(settings, vendor);
+  if (path == "middleware")
+    return bench::answer_middleware(middleware_options(settings, vendor, "answerer"), topics_of(settings));
   answer_node(settings, vendor);
 }
 
@@ -277,7 +212,9 @@ std::vector<double> measure(const Settings& settings, const std::string& vendor,
                                  std::to_string(settings.agents), "--dimension", std::to_string(settings.dimension),
                                  "--domain", std::to_string(settings.domain)});
   if (is_bare(path)) return ask_bare(settings, vendor, path);
-  return path == "middleware" ? ask_middleware(settings, vendor) : ask_node(settings, vendor);
+  if (path == "middleware")
+    return bench::ask_middleware(middleware_options(settings, vendor, "asker"), topics_of(settings), settings.trips);
+  return ask_node(settings, vendor);
 }
 
 double quantile(std::vector<double> values, double q) {

@@ -12,9 +12,9 @@
 #include <sstream>
 
 #include "bench/bench.h"
-#include "bench/scale/hosts.h"
+#include "bench/scale/usage.h"
 #include "core/wire/node.h"
-#include "tests/support/processes/service.h"
+#include "tests/support/processes/hosts.h"
 
 namespace {
 
@@ -22,6 +22,7 @@ using namespace citylearn;
 using namespace citylearn::scale;
 using bench::median;
 using testing::Folder;
+using testing::Hosts;
 using testing::Service;
 using Arguments = std::vector<std::string>;
 using std::chrono::milliseconds;
@@ -156,7 +157,7 @@ class Scene {
     MiddlewareOptions options;
     options.name = middleware_;
     options.domain = kDomain;
-    options.interfaces = {"eth0"};
+    options.interfaces = {Hosts::interface()};
     options.peers = peers();
     options.participant = id;
     return options;
@@ -179,9 +180,9 @@ class Scene {
     std::string list;
     for (const std::string& peer : peers()) list += (list.empty() ? "" : ",") + peer;
     command.insert(command.end(), {"--id", id, "--session", run_, "--middleware", middleware_, "--domain",
-                                   std::to_string(kDomain), "--interface", "eth0", "--peers", list});
+                                   std::to_string(kDomain), "--interface", Hosts::interface(), "--peers", list});
     const int host = static_cast<int>(services_.size()) + 1;  // 0: the watcher
-    services_[id] = std::make_unique<Service>(hosts_.on(host, command), folder_ / (id + ".log"));
+    services_[id] = hosts_.start(host, command, folder_ / (id + ".log"));
   }
   void spin(Clock::time_point deadline) {
     if (stop) throw Error("stopped by a signal");

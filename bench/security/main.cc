@@ -11,14 +11,13 @@
 
 #include "bench/bench.h"
 #include "bench/program.h"
-#include "core/dds/middleware.h"
+#include "bench/round_trips.h"
 #include "core/util/error.h"
 
 namespace {
 
 using namespace citylearn;
 using bench::median;
-using std::chrono::milliseconds;
 using testing::Service;
 namespace fs = std::filesystem;
 
@@ -55,64 +54,29 @@ class Workplace {
 
 // --- Round trips
 
-/// One of two participants: of an env_service or of a policy_service. Unsecured when `keys` is empty.
-struct End {
-  End(const Settings& settings, const std::string& vendor, const std::string& keys, bool asks, std::size_t size) {
-    MiddlewareOptions options;
-    options.name = vendor;
-    options.domain = settings.domain;
-    options.participant = asks ? "env" : "policy";
-    if (!keys.empty()) options.security = keys + "/" + options.participant;
-    middleware = create_middleware(options);
-    const Topic question{"citylearn/observation", "Bytes", Profile::kCommand, size},
-        answer{"citylearn/action", "Bytes", Profile::kCommand, size};
-    subscription = middleware->create_subscription(asks ? answer : question);
-    publisher = middleware->create_publisher(asks ? question : answer);
-  }
-  std::unique_ptr<Middleware> middleware;
-  std::unique_ptr<Publisher> publisher;
-  std::unique_ptr<Subscription> subscription;
-};
-
 constexpr std::size_t kAnswer = 120;
 
-void answer(const Settings& settings, const std::string& vendor, std::size_t size, const std::string& keys) {
-  End end(settings, vendor, keys, false, size);
-  Bytes question, reply(kAnswer);
-  while (true) {
-    end.middleware->wait(Clock::now() + milliseconds(100));
-    while (end.subscription->take(question)) {
-      std::copy_n(question.begin(), 8, reply.begin());
-      end.publisher->publish(reply);
-    }
-    if (getppid() == 1) return;
-  }
+/// Options of an env_service or a policy_service. Unsecured when `keys` is empty.
+MiddlewareOptions options_of(const Settings& settings, const std::string& vendor, const std::string& keys,
+                             const std::string& participant) {
+  MiddlewareOptions options;
+  options.name = vendor;
+  options.domain = settings.domain;
+  options.participant = participant;
+  if (!keys.empty()) options.security = keys + "/" + participant;
+  return options;
+}
+
+bench::TripTopics topics_of(std::size_t size) {
+  return {{"citylearn/observation", "Bytes", Profile::kCommand, size},
+          {"citylearn/action", "Bytes", Profile::kCommand, kAnswer}};
 }
 
 /// Returns the median microseconds there and back.
 double round_trip(const Settings& settings, const std::string& vendor, std::size_t size, const std::string& keys) {
-  const Service answerer({"/proc/self/exe", "--domain", std::to_string(settings.domain), "--role",
-                          "answer:" + vendor + ":" + std::to_string(size) + ":" + keys},
-                         "/dev/stderr");
-  End end(settings, vendor, keys, true, size);
-  Bytes question(size), reply;
-  question[1] = std::byte{1};
-  std::vector<double> times;
-  const int warm = settings.trips / 10;
-  for (std::uint32_t trip = 0; times.size() < static_cast<std::size_t>(settings.trips); ++trip) {
-    std::memcpy(question.data() + 4, &trip, sizeof trip);
-    const Clock::time_point begin = Clock::now();
-    for (bool answered = false; !answered;) {
-      end.publisher->publish(question);
-      const Clock::time_point again = Clock::now() + milliseconds(200);
-      while (!answered && end.middleware->wait(again))
-        while (!answered && end.subscription->take(reply))
-          answered = reply.size() >= 8 && std::memcmp(reply.data() + 4, &trip, sizeof trip) == 0;
-    }
-    if (trip >= static_cast<std::uint32_t>(warm))
-      times.push_back(std::chrono::duration<double, std::micro>(Clock::now() - begin).count());
-  }
-  return median(times);
+  const testing::Child answerer({"/proc/self/exe", "--domain", std::to_string(settings.domain), "--role",
+                                 "answer:" + vendor + ":" + std::to_string(size) + ":" + keys});
+  return median(bench::ask_middleware(options_of(settings, vendor, keys, "env"), topics_of(size), settings.trips));
 }
 
 // --- Training
@@ -187,7 +151,7 @@ int main(int count, char** arguments) {
       std::getline(parts, vendor, ':');
       std::getline(parts, size, ':');
       std::getline(parts, keys);
-      answer(settings, vendor, std::stoul(size), keys);
+      bench::answer_middleware(options_of(settings, vendor, keys, "policy"), topics_of(std::stoul(size)));
     }
   });
 }

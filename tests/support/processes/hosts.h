@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <sched.h>
 #include <signal.h>
 #include <unistd.h>
 
@@ -89,6 +90,14 @@ class Hosts {
     const std::vector<std::string> there = {ip(), "netns", "exec", name(host)};
     command.insert(command.begin(), there.begin(), there.end());
     return std::make_unique<Service>(command, output);
+  }
+  /// Moves the calling thread, and those it starts from here on, to a host. Throws Error.
+  void enter(int host) const {
+    const std::string path = "/run/netns/" + name(host);
+    const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    const bool entered = file >= 0 && ::setns(file, CLONE_NEWNET) == 0;
+    if (file >= 0) ::close(file);
+    if (!entered) throw Error("cannot be entered", path);
   }
   /// What a shell command prints on a host.
   std::string run(int host, const std::string& command) const {

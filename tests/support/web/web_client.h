@@ -63,6 +63,7 @@ class WebClient {
   }
   WebClient(const WebClient&) = delete;
   WebClient& operator=(const WebClient&) = delete;
+  int descriptor() const { return socket_; }
 
   /// False when the server no longer listens to us.
   bool send(std::string_view bytes) {

@@ -1,37 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cstdint>
-#include <string>
 #include <vector>
 
 namespace citylearn::scale {
 
-/// Hosts that are network namespaces of this machine, all on one bridge with an MTU of 1,500 bytes, so that eth0 of a
-/// host counts the traffic of its services. The destructor removes them. Needs root. Throws Error where they cannot be
-/// made.
-class Hosts {
- public:
-  explicit Hosts(int count);
-  ~Hosts();
-  Hosts(const Hosts&) = delete;
-  Hosts& operator=(const Hosts&) = delete;
-
-  /// Returns the command line that runs `command` on a host.
-  std::vector<std::string> on(int host, std::vector<std::string> command) const;
-  static std::string address(int host) { return "10.77.0." + std::to_string(host + 1); }
-  /// Moves the calling thread, and those it starts from here on, to that host.
-  void enter(int host) const;
-
- private:
-  std::string name(int host) const;
-  void remove();
-
-  std::string prefix_;
-  int count_;
-};
-
-/// What one process has used so far, and what has crossed its host's eth0.
+/// What one process has used so far, and what has crossed its host's interface to the network.
 struct Usage {
   double main = 0;                            ///< CPU seconds of its first thread
   double others = 0;                          ///< of all other threads that live, the DDS vendor's
