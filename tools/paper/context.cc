@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "policy_service/learning/trainer.h"
 
@@ -16,15 +17,20 @@ int share_of(int tasks, double effort) { return std::max(10, static_cast<int>(st
 
 }  // namespace
 
+const Context::Agent& Context::paper_agent() const {
+  return *std::find_if(agents.begin(), agents.end(), [](const Agent& agent) { return agent.agent == "features"; });
+}
+
 int Context::tasks() const { return share_of(quick ? 500 : 2000, effort); }
 
-int Context::tasks_between() const { return share_of(quick ? 50 : 100, effort); }
-
 std::uint64_t Context::steps(const std::string& agent, const std::string& learner) const {
-  if (effort >= 1 && agent != "baseline") return 0;
-  const double all =
-      agent == "baseline" ? kBaselineSteps : Trainer::recommended_parameters(agent, learner).at("trainer").at("steps");
-  return static_cast<std::uint64_t>(std::max(1.0, all * effort));
+  if (agent == "baseline") return static_cast<std::uint64_t>(std::max(1.0, kBaselineSteps * effort));
+  return effort >= 1 ? 0 : share_of_steps({.agent = agent, .learner = learner}, 1);
+}
+
+std::uint64_t Context::share_of_steps(const Agent& agent, double share) const {
+  const double all = Trainer::recommended_parameters(agent.agent, agent.learner).at("trainer").at("steps");
+  return static_cast<std::uint64_t>(std::max(1.0, all * share * effort));
 }
 
 std::vector<std::uint64_t> Context::few_seeds() const {
@@ -33,48 +39,63 @@ std::vector<std::uint64_t> Context::few_seeds() const {
   return few;
 }
 
-Study Context::study(const Agent& agent, std::uint64_t seed) const {
+Study Context::study(const Agent& agent, std::uint64_t seed, World& where) const {
   Study study;
   study.agent = agent.agent;
   study.learner = agent.learner;
   study.representation = agent.representation;
-  study.frames = frames;
+  study.frames = std::min(frames, where.frames());
   study.seed = seed;
   study.steps = steps(agent.agent, study.learner);
   study.seconds = agent.seconds * effort;
   study.deploy_every = 100;
   study.tasks = tasks();
-  study.tasks_between = tasks_between();
-  study.traversals = world.names();
+  study.tasks_between = share_of(quick ? 50 : 100, effort);
+  study.traversals = where.names();
   return study;
 }
 
-int Context::features(const Agent& agent) const {
-  if (agent.representation == "features") return world.recording(world.train()).dimension;
-  const std::size_t dash = agent.representation.rfind('-');
-  return dash == std::string::npos ? 0 : std::stoi(agent.representation.substr(dash + 1));
+Json Context::add_units(const std::vector<std::uint64_t>& chosen,
+                        const std::function<Unit(std::uint64_t)>& unit_of_seed) const {
+  Json units = Json::array();
+  for (const std::uint64_t seed : chosen) units.push_back(work.add(unit_of_seed(seed)));
+  return units;
 }
 
-Json Context::description(const Agent& agent, Json units) const {
-  return {{"agent", agent.agent},        {"label", label_of(agent.agent)},
-          {"learner", agent.learner},    {"representation", agent.representation},
-          {"features", features(agent)}, {"units", std::move(units)}};
+Json Context::add_agent(const Agent& agent, const std::function<Unit(std::uint64_t)>& unit_of_seed) const {
+  return {{"agent", agent.agent},
+          {"label", label_of(agent.agent)},
+          {"learner", agent.learner},
+          {"representation", agent.representation},
+          {"features", world.features(agent.representation)},
+          {"units", add_units(agent.seeds, unit_of_seed)}};
+}
+
+Json Context::add_controls(World& where, const std::vector<std::string>& names, Study study) const {
+  const auto told = std::move(study.network_parameters);
+  Json all = Json::array();
+  for (const std::string& name : names) {
+    study.agent = name.substr(0, name.find(','));
+    study.network_parameters = study.agent == name ? std::map<std::string, double>() : told;
+    all.push_back({{"label", name}, {"unit", work.add(control_unit(study, where))}});
+  }
+  return all;
+}
+
+Json Context::compare(World& where, const std::vector<Agent>& compared, const std::vector<std::string>& controls,
+                      const std::function<void(Study&)>& change) const {
+  Json all = Json::array();
+  Study study;
+  for (const Agent& agent : compared)
+    all.push_back(add_agent(agent, [&](std::uint64_t seed) {
+      change(study = this->study(agent, seed, where));
+      return unit_of(study, where);
+    }));
+  return {{"agents", all}, {"controls", add_controls(where, controls, study)}};
 }
 
 Json Context::add_agents() const {
-  Json all = Json::array();
-  for (const Agent& agent : agents)
-    all.push_back(add_agent(agent, [&](std::uint64_t seed) { return unit_of(study(agent, seed), world); }));
-  return all;
-}
-
-Json Context::add_controls(World& where, const std::vector<std::string>& names, ControlStudy study) const {
-  Json all = Json::array();
-  for (const std::string& name : names) {
-    study.control = name;
-    all.push_back({{"label", name}, {"unit", work.add(unit_of(study, where))}});
-  }
-  return all;
+  return compare(world, agents, {}, [](Study&) {})["agents"];
 }
 
 std::string label_of(const std::string& agent) {

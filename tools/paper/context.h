@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -25,45 +26,41 @@ struct Context {
 
   /// An agent that is trained once for each seed.
   struct Agent {
-    std::string agent, representation;
-    std::vector<std::uint64_t> seeds;
+    std::string agent, representation = {};
+    std::vector<std::uint64_t> seeds = {};
     double seconds = 0;  ///< estimate for one training with all its steps
     std::string learner = "ppo";
   };
   std::vector<Agent> agents;  ///< those compared, each on the representation it is meant for
 
-  /// Number of tasks of a trial whose figures go into a table, and of one during training.
+  /// The one among them that is the paper's: `features`.
+  const Agent& paper_agent() const;
+  /// Number of tasks of a trial whose figures go into a table.
   int tasks() const;
-  int tasks_between() const;
   /// Training steps of an agent under `effort`; 0: its recommendation. The baseline needs fewer than that.
   std::uint64_t steps(const std::string& agent, const std::string& learner = "ppo") const;
+  /// `share` of the recommended training steps, under `effort`.
+  std::uint64_t share_of_steps(const Agent& agent, double share) const;
   /// The seeds of an agent whose training takes long.
   std::vector<std::uint64_t> few_seeds() const;
-  /// A training on the paper's route.
-  Study study(const Agent& agent, std::uint64_t seed) const;
-  /// Features a frame that an agent is given; 0: pixels.
-  int features(const Agent& agent) const;
+  /// A training on as many of the first places of `where` as the paper's route has.
+  Study study(const Agent& agent, std::uint64_t seed, World& where) const;
 
   /// Adds a unit for each seed and returns their numbers.
-  template <class UnitOfSeed>
-  Json add_units(const std::vector<std::uint64_t>& chosen, const UnitOfSeed& unit_of_seed) const {
-    Json units = Json::array();
-    for (const std::uint64_t seed : chosen) units.push_back(work.add(unit_of_seed(seed)));
-    return units;
-  }
+  Json add_units(const std::vector<std::uint64_t>& chosen,
+                 const std::function<Unit(std::uint64_t)>& unit_of_seed) const;
   /// Adds a unit for each seed of the agent and returns {"agent", "label", "learner", "representation", "features",
   /// "units"}.
-  template <class UnitOfSeed>
-  Json add_agent(const Agent& agent, const UnitOfSeed& unit_of_seed) const {
-    return description(agent, add_units(agent.seeds, unit_of_seed));
-  }
-  /// Adds the trainings of all agents on the paper's route and returns their descriptions.
+  Json add_agent(const Agent& agent, const std::function<Unit(std::uint64_t)>& unit_of_seed) const;
+  /// Adds the named policies, which learn nothing, each on the task of `study`: [{"label", "unit"}]. One named
+  /// "CONTROL, told" is given the network's parameters.
+  Json add_controls(World& where, const std::vector<std::string>& names, Study study) const;
+  /// Adds the trainings of agents, and controls that see what the last of them sees. `change` makes their task: the
+  /// route, the recordings, the world's imperfections. Returns {"agents", "controls"}.
+  Json compare(World& where, const std::vector<Agent>& compared, const std::vector<std::string>& controls,
+               const std::function<void(Study&)>& change) const;
+  /// Adds the trainings of `agents` on the paper's route and returns their descriptions.
   Json add_agents() const;
-  /// Adds the named policies, which learn nothing, each on the task of `study`: [{"label", "unit"}].
-  Json add_controls(World& where, const std::vector<std::string>& names, ControlStudy study) const;
-
- private:
-  Json description(const Agent& agent, Json units) const;
 };
 
 /// The name of an agent in figures and tables.

@@ -8,8 +8,7 @@
 
 #include "core/util/error.h"
 #include "tools/lab/descriptors.h"
-#include "tools/paper/studies/cropped.h"
-#include "tools/paper/studies/mixture.h"
+#include "tools/paper/studies/simulated.h"
 
 namespace citylearn::paper {
 namespace {
@@ -157,6 +156,18 @@ std::vector<std::string> World::representations(const std::vector<int>& dimensio
   return found;
 }
 
+std::string World::common_representation() {
+  for (const int dimension : {64, 32, 16, 8})
+    if (const std::string first = representations({dimension}).front(); first != kRaw) return first;
+  return representations({}).front();
+}
+
+int World::features(const std::string& representation) const {
+  if (representation == kAsRead) return recordings_.at(train()).dimension;
+  const std::size_t dash = representation.rfind('-');
+  return dash == std::string::npos ? 0 : std::stoi(representation.substr(dash + 1));
+}
+
 int World::encoder_dimension(const std::string& encoder) { return encoded(encoder).encoder->spec().dimension; }
 
 const Traversal& World::traversal(const std::string& representation, const std::string& name) {
@@ -168,8 +179,7 @@ const Traversal& World::traversal(const std::string& representation, const std::
     route.frames = std::min(options_.raw_frames, frames());
     return result = lab::with_features(route, lab::encode(*encoded(kRaw).encoder, route, kRaw, "").matrix);
   }
-  const std::size_t dash = representation.rfind('-');
-  const std::string encoder = representation.substr(0, dash);
+  const std::string encoder = encoder_of(representation);
   Encoded& parts = encoded(encoder);
   const auto descriptors = [&](const std::string& of) -> const Eigen::MatrixXf& {
     Eigen::MatrixXf& matrix = parts.descriptors[of];
@@ -178,10 +188,12 @@ const Traversal& World::traversal(const std::string& representation, const std::
     return matrix;
   };
   const auto [reduction, fresh] = parts.reductions.try_emplace(representation);
-  if (fresh)
-    reduction->second =
-        Reduction::learn(descriptors(train()), {.dimension = std::stoi(representation.substr(dash + 1))});
+  if (fresh) reduction->second = Reduction::learn(descriptors(train()), {.dimension = features(representation)});
   return result = lab::with_features(recordings_.at(name), reduction->second.apply(descriptors(name)));
+}
+
+std::string encoder_of(const std::string& representation) {
+  return representation.substr(0, representation.rfind('-'));
 }
 
 }  // namespace citylearn::paper

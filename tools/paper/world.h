@@ -46,6 +46,11 @@ class World {
   /// `dimensions` that the number of frames and the encoder allow (D principal components of the traversal learned
   /// from), and "raw84" (pixels of the first `raw_frames` frames).
   std::vector<std::string> representations(const std::vector<int>& dimensions);
+  /// The features that are compared where all policies shall see the same ones: 64 a frame, fewer where the route has
+  /// fewer frames to learn them from.
+  std::string common_representation();
+  /// Features a frame of a representation; 0: pixels.
+  int features(const std::string& representation) const;
   /// Features that an encoder gives before principal components are taken.
   int encoder_dimension(const std::string& encoder);
   /// A traversal with the features of a representation.
@@ -82,5 +87,8 @@ class World {
   std::map<std::pair<std::string, std::string>, Traversal> traversals_;  ///< by representation and name
   std::unique_ptr<World> laterally_shifted_, mixed_;
 };
+
+/// The encoder of a representation "ENCODER-D".
+std::string encoder_of(const std::string& representation);
 
 }  // namespace citylearn::paper

@@ -5,7 +5,7 @@
 
 #include "core/files/files.h"
 #include "core/util/error.h"
-#include "tools/paper/context.h"
+#include "tools/paper/sections/sections.h"
 #include "tools/paper/studies/walk.h"
 
 namespace citylearn::paper {
@@ -17,20 +17,21 @@ World& world_of(const Context& context) { return context.world.pictures() ? cont
 
 /// The agents that see, on recordings that have pictures.
 std::vector<Study> studies(const Context& context) {
-  std::vector<Study> all;
-  for (const Context::Agent& agent : context.agents)
-    if (agent.agent != "baseline") all.push_back(context.study(agent, agent.seeds.front()));
-  if (context.world.pictures()) return all;
+  if (context.world.pictures()) {
+    std::vector<Study> all;
+    for (const Context::Agent& agent : context.agents)
+      if (agent.agent != "baseline") all.push_back(context.study(agent, agent.seeds.front(), context.world));
+    return all;
+  }
   // On the drawn city: the paper's two agents, each on what it is meant for.
   const std::vector<std::string> known = context.drawn.representations({64});
-  const auto features = std::find_if(all.begin(), all.end(), [](const Study& one) { return one.agent == "features"; });
-  std::vector<Study> two = {*features, *features};
+  const Context::Agent& features = context.paper_agent();
+  std::vector<Study> two(2, context.study(features, features.seeds.front(), context.drawn));
   two[0].representation = known.front();
   two[1].agent = "raw_images";
   two[1].representation = known.back();
   for (Study& study : two) {
     study.frames = std::min(128, context.drawn.frames());
-    study.traversals = context.drawn.names();
     study.deploy_every = 0;
     study.steps = context.steps(study.agent, study.learner);
     study.seconds = (study.agent == "features" ? 100 : 200) * context.effort;

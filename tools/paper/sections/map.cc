@@ -3,13 +3,11 @@
 #include <utility>
 
 #include "env_service/geometry/crossings.h"
-#include "tools/paper/sections/transfer_agent.h"
+#include "tools/paper/sections/sections.h"
 #include "tools/paper/studies/map_study.h"
 
 namespace citylearn::paper {
 namespace {
-
-constexpr std::size_t kTraversals = 3;  // the one learned from and two others
 
 /// A row of the table: a policy, and whether it has the junctions.
 struct MapPolicy {
@@ -53,7 +51,6 @@ Json json_of(const Layout& layout) {
 
 }  // namespace
 
-/// On recordings that cross themselves, else on the drawn city, laid on a drawn map.
 Json plan_map(const Context& context) {
   const int places = context.quick ? 128 : 256;
   Layout layout =
@@ -67,7 +64,7 @@ Json plan_map(const Context& context) {
   study.representation = world.representations({64}).front();
   study.tasks = context.tasks();
   study.traversals = world.names();
-  study.traversals.resize(std::min(kTraversals, study.traversals.size()));
+  study.traversals.resize(std::min(kFewTraversals, study.traversals.size()));
   Json policies = Json::array();
   for (const MapPolicy& policy : map_policies(context)) {
     study.policy = policy.policy;

@@ -3,27 +3,6 @@
 
 namespace citylearn::paper {
 
-// Each is defined in the file of its name.
-Json plan_figure_2(const Context& context);
-Json plan_figure_6(const Context& context);
-Json plan_figure_8_9(const Context& context);
-Json plan_figure_10(const Context& context);
-void complete_figure_10(const Context& context, Json& data);
-Json plan_tables(const Context& context);
-Json plan_longer_routes(const Context& context);
-Json plan_transfer(const Context& context);
-Json plan_viewpoint(const Context& context);
-Json plan_experiences(const Context& context);
-Json plan_imperfect_world(const Context& context);
-Json plan_dimensions(const Context& context);
-Json plan_map(const Context& context);
-
-namespace {
-
-Json plan_figure_7(const Context& context) { return {{"agents", context.add_agents()}}; }
-
-}  // namespace
-
 const std::vector<Section>& sections() {
   static const std::vector<Section> all = {
       {"figure-2", "Fig. 2: what training costs", plan_figure_2},

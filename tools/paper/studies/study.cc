@@ -68,9 +68,8 @@ Experiences experiences_of(const std::vector<std::string>& others, const std::st
   return all;
 }
 
-/// The part of the spec that TransferTrial and ControlStudy share.
-template <class Trials>
-Json spec_of(const char* kind, const Trials& study, const std::vector<std::string>& recordings, World& world) {
+/// The part of the spec that units without a training share.
+Json spec_of(const char* kind, const Study& study, const std::vector<std::string>& recordings, World& world) {
   return {{"kind", kind},
           {"representation", study.representation},
           {"train", world.train()},
@@ -245,53 +244,53 @@ SavedAgent saved_agent(const Study& study, World& world, const Work& work) {
   return {unit_of(study, world).spec, &work};
 }
 
-Unit unit_of(const TransferTrial& transfer, World& world) {
+Unit transfer_unit(const SavedAgent& saved, const Study& task, World& world) {
   Unit unit;
-  unit.name = fmt::format("{} as it is on {}, places {} to {}, seed {}",
-                          transfer.agent.study["agent"].get<std::string>(), transfer.representation, transfer.first,
-                          transfer.first + transfer.frames - 1, transfer.agent.study["seed"].get<std::uint64_t>());
-  std::vector<std::string> recordings = transfer.traversals;
+  unit.name = fmt::format("{} as it is on {}, places {} to {}, seed {}", saved.study["agent"].get<std::string>(),
+                          task.representation, task.first, task.first + task.frames - 1,
+                          saved.study["seed"].get<std::uint64_t>());
+  std::vector<std::string> recordings = task.traversals;
   recordings.push_back(world.train());  // where its knowledge of the places comes from
-  unit.spec = spec_of("carried", transfer, recordings, world);
-  unit.spec["agent"] = transfer.agent.study;
+  unit.spec = spec_of("carried", task, recordings, world);
+  unit.spec["agent"] = saved.study;
   unit.seconds = 1;
-  unit.compute = [transfer, &world] {
-    const TrainedAgent agent = agent_on(transfer.agent, world.traversal(transfer.representation, world.train()),
-                                        transfer.first, transfer.frames);
+  unit.compute = [saved, task, &world] {
+    const TrainedAgent agent =
+        agent_on(saved, world.traversal(task.representation, world.train()), task.first, task.frames);
     Json rows = Json::array();
-    for (const std::string& name : transfer.traversals)
-      rows.push_back(tried(policy_of(agent), world.traversal(transfer.representation, name),
-                           trial_of(transfer.first, transfer.frames, transfer.tasks, false)));
+    for (const std::string& name : task.traversals)
+      rows.push_back(tried(policy_of(agent), world.traversal(task.representation, name),
+                           trial_of(task.first, task.frames, task.tasks, false)));
     return rows;
   };
   return unit;
 }
 
-Unit unit_of(const ControlStudy& study, World& world) {
+Unit control_unit(const Study& study, World& world) {
   Unit unit;
-  unit.name = fmt::format("{} on {}, {} places", study.control, study.representation, study.frames);
+  unit.name = fmt::format("{} on {}, {} places", study.agent, study.representation, study.frames);
   unit.spec = spec_of("control", study, study.traversals, world);
-  unit.spec["control"] = study.control;
+  unit.spec["control"] = study.agent;
   describe(study.imperfections, unit);
-  if (!study.parameters.empty()) {
+  if (!study.network_parameters.empty()) {
     unit.name += ", told";
-    unit.spec["parameters"] = study.parameters;
+    unit.spec["parameters"] = study.network_parameters;
   }
   if (!study.experiences.empty()) unit.spec["experiences"] = world.hashes(study.experiences);
   unit.seconds = 1;
-  if (study.control.ends_with("_filter"))  // looks at all places at each step, and longer routes take more of both
+  if (study.agent.ends_with("_filter"))  // looks at all places at each step, and longer routes take more of both
     unit.seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
   unit.compute = [study, &world] {
     Json rows = Json::array();
-    const auto& entry = ControlRegistry::instance().find("control", study.control);
+    const auto& entry = ControlRegistry::instance().find("control", study.agent);
     for (const std::string& name : study.traversals) {
-      const Experiences known = study.control == "oracle_filter"
+      const Experiences known = study.agent == "oracle_filter"
                                     ? Experiences(world.traversal(study.representation, name))
                                     : experiences_of(study.experiences, study.representation, world);
       const NetworkTask route = network_task(known, study.first, study.frames);
       const ControlTask task{study.first, study.frames, route.reference};
       rows.push_back(
-          tried(entry.create(Parameters("control " + study.control, entry.parameters, study.parameters), task),
+          tried(entry.create(Parameters("control " + study.agent, entry.parameters, study.network_parameters), task),
                 world.traversal(study.representation, name),
                 trial_of(study.first, study.frames, study.tasks, false, study.imperfections)));
     }

@@ -49,25 +49,12 @@ Unit unit_of(const Study& study, World& world);
 /// The agent of a study that saves its parameters; its unit must be added to `work` before those that use it.
 SavedAgent saved_agent(const Study& study, World& world, const Work& work);
 
-/// That agent, without more training, on another route or other recordings. Its parameters are the same; it is given
-/// the features of that route's places on the traversal learned from. Outcome: [{"traversal", SCORE}].
-struct TransferTrial {
-  SavedAgent agent;
-  std::string representation;
-  int first = 0, frames = 128, tasks = 2000;
-  std::vector<std::string> traversals;
-};
-Unit unit_of(const TransferTrial& transfer, World& world);
+/// That agent, without more training, on the route and the traversals of `task`. Its parameters are the same; it is
+/// given the features of that route's places on the traversal learned from. Outcome: [{"traversal", SCORE}].
+Unit transfer_unit(const SavedAgent& agent, const Study& task, World& world);
 
-/// A policy that learns nothing on a route: blind, shortest_path, sequence_filter. Outcome: [{"traversal", SCORE}].
-struct ControlStudy {
-  std::string control, representation;
-  int first = 0, frames = 128, tasks = 2000;
-  std::vector<std::string> traversals;
-  std::vector<std::string> experiences = {};      ///< traversals that a filter knows besides World::train()
-  Imperfections imperfections = {};               ///< of the world; those that befall agents
-  std::map<std::string, double> parameters = {};  ///< of the control; what is not given is the default
-};
-Unit unit_of(const ControlStudy& study, World& world);
+/// A policy that learns nothing, on such a task: `agent` and `network_parameters` are a control's name and parameters,
+/// `experiences` what a filter knows besides World::train(). Outcome: [{"traversal", SCORE}].
+Unit control_unit(const Study& study, World& world);
 
 }  // namespace citylearn::paper

@@ -37,9 +37,11 @@ TEST(TransferTrials, UseTheSavedAgentBitForBit) {
   World world(options);
   const Folder folder;
   const Study source = short_study();
+  Study task = source;
+  task.traversals = {"summer", "fall"};
   const auto transferred_to = [&](int first, const Work& work) {
-    return unit_of(TransferTrial{saved_agent(source, world, work), "features", first, 12, 20, {"summer", "fall"}},
-                   world);
+    task.first = first;
+    return transfer_unit(saved_agent(source, world, work), task, world);
   };
   Study further = source;
   further.save_parameters = false;
@@ -81,8 +83,7 @@ TEST(TransferTrials, FailWithTheTrainingTheyNeed) {
   Study impossible = short_study();
   impossible.frozen = {"nothing of that name"};
   work.add(unit_of(impossible, world));
-  const Unit transfer =
-      unit_of(TransferTrial{saved_agent(impossible, world, work), "features", 12, 12, 20, {"summer"}}, world);
+  const Unit transfer = transfer_unit(saved_agent(impossible, world, work), short_study(), world);
   work.add(transfer);
   EXPECT_FALSE(work.run());
   EXPECT_TRUE(work.outcome(transfer.spec).is_null());
@@ -99,10 +100,11 @@ TEST(Studies, LearnFromSeveralExperiences) {
   both.experiences = {"fall"};
   alone.traversals = both.traversals = {"winter"};
   alone.save_parameters = both.save_parameters = true;
-  ControlStudy control{"sequence_filter", "features", 0, 12, 50, {"winter"}}, knows_winter = control;
+  Study control = alone, knows_winter = alone;
+  control.agent = knows_winter.agent = "sequence_filter";
   knows_winter.experiences = {"winter"};
   for (const Study& study : {alone, both}) work.add(unit_of(study, world));
-  for (const ControlStudy& study : {control, knows_winter}) work.add(unit_of(study, world));
+  for (const Study& study : {control, knows_winter}) work.add(control_unit(study, world));
   ASSERT_TRUE(work.run());
   ASSERT_EQ(work.units(), 4);
   EXPECT_NE(work.outcome(0)["parameters"], work.outcome(1)["parameters"]);

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/paper/studies/mixture.h"
+#include "tools/paper/studies/simulated.h"
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <cstring>
-#include <opencv2/imgcodecs.hpp>
+#include <bit>
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 
 #include "core/util/error.h"
 #include "core/util/random.h"
 #include "encoder_service/encoding/encoder.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn::paper {
 namespace {
@@ -17,42 +18,69 @@ namespace {
 constexpr int kPatch = 16;  // frames
 constexpr double kLeastShare = 0.2;
 
-class Mixed : public Images {
+class Cropped : public DerivedImages {
  public:
-  Mixed(std::shared_ptr<Images> first, std::shared_ptr<Images> second)
-      : first_(std::move(first)), second_(std::move(second)) {}
-
-  int frames() const override { return std::min(first_->frames(), second_->frames()); }
+  Cropped(std::shared_ptr<Images> pictures, double left, double width)
+      : DerivedImages(std::move(pictures)), left_(left), width_(width) {
+    if (!(left >= 0 && width > 0 && left + width <= 1))
+      throw Error("a part from " + std::to_string(left) + ", " + std::to_string(width) + " wide, is not inside",
+                  "crop");
+  }
 
   void read(int frame, Bytes& bytes) override {
-    first_->read(frame, whole_);
-    const cv::Mat one = decode_picture(whole_, first_->name(frame));
-    second_->read(frame, whole_);
-    cv::Mat other = decode_picture(whole_, second_->name(frame)), mixed;
+    images_->read(frame, bytes);
+    const cv::Mat picture = decode_picture(bytes, images_->name(frame));
+    const auto pixels = [&picture](double share) { return static_cast<int>(std::lround(share * picture.cols)); };
+    const int width = std::max(1, pixels(width_)), left = std::min(pixels(left_), picture.cols - width);
+    encode_png(picture(cv::Rect(left, 0, width, picture.rows)), bytes);
+  }
+
+  std::string name(int frame) const override { return images_->name(frame) + ", cropped"; }
+  std::uint64_t fingerprint(int frame) const override {
+    return mix_seeds(
+        {images_->fingerprint(frame), std::bit_cast<std::uint64_t>(left_), std::bit_cast<std::uint64_t>(width_)});
+  }
+
+ private:
+  const double left_, width_;
+};
+
+class Mixed : public DerivedImages {
+ public:
+  Mixed(std::shared_ptr<Images> first, std::shared_ptr<Images> second)
+      : DerivedImages(std::move(first)), second_(std::move(second)) {}
+
+  int frames() const override { return std::min(images_->frames(), second_->frames()); }
+
+  void read(int frame, Bytes& bytes) override {
+    images_->read(frame, bytes);
+    const cv::Mat one = decode_picture(bytes, images_->name(frame));
+    second_->read(frame, bytes);
+    cv::Mat other = decode_picture(bytes, second_->name(frame)), mixed;
     cv::resize(other, other, one.size(), 0, 0, cv::INTER_AREA);
     const double share = share_of_second(frame);
     cv::addWeighted(one, 1 - share, other, share, 0, mixed);
-    cv::imencode(".png", mixed, file_);
-    bytes.resize(file_.size());
-    std::memcpy(bytes.data(), file_.data(), file_.size());
+    encode_png(mixed, bytes);
   }
 
-  std::string name(int frame) const override { return first_->name(frame) + " mixed with " + second_->name(frame); }
+  std::string name(int frame) const override { return images_->name(frame) + " mixed with " + second_->name(frame); }
   std::uint64_t fingerprint(int frame) const override {
-    return mix_seeds({first_->fingerprint(frame), second_->fingerprint(frame), static_cast<std::uint64_t>(frame)});
+    return mix_seeds({images_->fingerprint(frame), second_->fingerprint(frame), static_cast<std::uint64_t>(frame)});
   }
   std::string fault(int frame) const override {
-    const std::string fault = first_->fault(frame);
+    const std::string fault = images_->fault(frame);
     return fault.empty() ? second_->fault(frame) : fault;
   }
 
  private:
-  const std::shared_ptr<Images> first_, second_;
-  Bytes whole_;
-  std::vector<unsigned char> file_;
+  const std::shared_ptr<Images> second_;
 };
 
 }  // namespace
+
+std::shared_ptr<Images> cropped(std::shared_ptr<Images> pictures, double left, double width) {
+  return std::make_shared<Cropped>(std::move(pictures), left, width);
+}
 
 double share_of_second(int frame) {
   const auto draw = [](int patch) { return Random{0x6d6978, static_cast<std::uint64_t>(patch)}.uniform(); };

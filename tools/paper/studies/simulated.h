@@ -1,11 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <memory>
 #include <string>
 
 #include "env_service/dataset_io/traversal.h"
 
+// Recordings that are made from others.
+
 namespace citylearn::paper {
+
+/// Returns a vertical window of each picture: it begins at `left` and is `width` wide, both shares of the picture's
+/// width with a sum of at most 1. So a camera with a narrower lens, turned or moved aside, would see distant things.
+std::shared_ptr<Images> cropped(std::shared_ptr<Images> pictures, double left, double width);
 
 /// Share of the second traversal in frame i of a mixture: between 1/5 and 4/5, another draw each 16 frames and straight
 /// lines between.

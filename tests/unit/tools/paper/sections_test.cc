@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+// What sections plan: which numbers of features are compared, imperfect worlds, drawn and recorded maps.
+#include "tools/paper/sections/sections.h"
+
+#include <gtest/gtest.h>
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+
+#include "core/util/random.h"
+#include "tests/support/processes/service.h"
+#include "tests/unit/tools/paper/looped_recording.h"
+
+namespace citylearn::paper {
+namespace {
+
+/// A section of the quick report, planned and computed in a folder of its own.
+class SectionTest : public ::testing::Test {
+ protected:
+  explicit SectionTest(const std::string& name)
+      : work_(folder_ / "work"),
+        section_(*std::find_if(sections().begin(), sections().end(),
+                               [&](const Section& section) { return section.name == name; })) {}
+
+  Context context(World& world, World& drawn) {
+    return {.world = world,
+            .drawn = drawn,
+            .work = work_,
+            .output = folder_.path(),
+            .quick = true,
+            .effort = 0.01,
+            .seeds = {1, 2},
+            .agents = {}};
+  }
+
+  const testing::Folder folder_;
+  Work work_;
+  const Section& section_;
+};
+
+class DimensionsSection : public SectionTest {
+ protected:
+  DimensionsSection() : SectionTest("dimensions") {}
+
+  static WorldOptions city(bool pictures) {
+    WorldOptions options;
+    options.source.parameters["synthetic"] = {
+        {"frames", 130}, {"images", pictures ? 1.0 : 0.0}, {"width", 64}, {"height", 48}};
+    if (pictures) options.encoders = {"hog"};
+    return options;
+  }
+};
+
+TEST_F(DimensionsSection, SaysWhichNumbersOfFeaturesCannotBeHad) {
+  World features(city(false)), pictures(city(true));
+  Context given = context(features, pictures);
+  given.agents = {{"features", "features", {1}, 1}};
+  const Json data = section_.plan(given);
+  EXPECT_TRUE(data["substitute"]);
+  EXPECT_EQ(data["encoder"], "hog");
+  EXPECT_EQ(data["learned_from"], 130);
+  EXPECT_EQ(data["missing"], Json({512, 2048, 4096})) << "130 frames have 129 components";
+  ASSERT_EQ(data["sizes"].size(), 3u);
+  EXPECT_EQ(data["sizes"][0]["features"], 64);
+  EXPECT_EQ(data["sizes"][1]["features"], 128);
+  EXPECT_EQ(data["sizes"][2]["features"], 129) << "the most that can be had is tried instead";
+  // place_filter with two seeds and two controls each, and the paper's agent on the fewest and the most.
+  EXPECT_EQ(work_.units(), 3 * (2 + 2) + 2);
+  ASSERT_TRUE(work_.run());
+  for (const Json& size : data["sizes"])
+    for (const Json& agent : size["agents"])
+      for (const Json& unit : agent["units"]) {
+        const Json& trials = work_.outcome(unit.get<int>())["trials"];
+        EXPECT_EQ(trials.size(), 2 * pictures.names().size()) << "each condition, as it is and shuffled";
+      }
+}
+
+class ImperfectWorldSection : public SectionTest {
+ protected:
+  ImperfectWorldSection() : SectionTest("imperfect-world") {}
+
+  /// Trials of a world's policy that learns nothing.
+  Json trials(const Json& world, const std::string& label) const {
+    for (const Json& control : world["controls"])
+      if (control["label"] == label) return work_.outcome(control["unit"].get<int>());
+    ADD_FAILURE() << "no " << label;
+    return nullptr;
+  }
+  /// SPL on the traversal learned from.
+  double spl(const Json& world, const std::string& label) const {
+    return trials(world, label).at(0).at("spl").get<double>();
+  }
+};
+
+TEST_F(ImperfectWorldSection, AgentsAndControlsMeetTheSameMishaps) {
+  WorldOptions options;
+  options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 130}};
+  World world(options);
+  Context given = context(world, world);
+  given.effort = 0.05;
+  const Json data = section_.plan(given);
+  ASSERT_EQ(data["worlds"].size(), 5u);
+  // Two seeds and three controls each, and a filter that is told where there is something to tell.
+  EXPECT_EQ(work_.units(), 5 * (2 + 3) + 3);
+  ASSERT_TRUE(work_.run());
+  const Json &perfect = data["worlds"][0], &slipping = data["worlds"][1], &dropping = data["worlds"][2],
+             &kidnapping = data["worlds"][3], &all = data["worlds"][4];
+  EXPECT_EQ(perfect["told"], Json::object());
+  EXPECT_EQ(slipping["told"], Json({{"slip", 0.1}}));
+  EXPECT_EQ(dropping["told"], Json::object());
+  EXPECT_EQ(kidnapping["told"], Json({{"kidnap", 3.0 / 128}}));
+  EXPECT_EQ(all["told"].size(), 2u);
+  EXPECT_EQ(spl(perfect, "shortest_path"), 1);
+  for (const Json* world_of : {&slipping, &kidnapping, &all}) {
+    EXPECT_LT(spl(*world_of, "shortest_path"), 1) << *world_of;
+    EXPECT_NE(trials(*world_of, "sequence_filter"), trials(*world_of, "sequence_filter, told")) << *world_of;
+  }
+  EXPECT_EQ(spl(dropping, "shortest_path"), 1) << "it does not look";
+  EXPECT_EQ(trials(dropping, "blind"), trials(perfect, "blind"));
+  EXPECT_NE(trials(dropping, "sequence_filter"), trials(perfect, "sequence_filter"));
+  std::vector<Json> curves;
+  for (const Json& one : data["worlds"])
+    for (const Json& unit : one["agents"][0]["units"]) {
+      const Json& training = work_.outcome(unit.get<int>());
+      EXPECT_EQ(training["trials"].size(), 2 * data["traversals"].size());
+      Json curve = training["curve"];
+      curve.erase("seconds");
+      // Drawn features are so clear that dropped frames alone mislead nobody.
+      if (one != dropping) {
+        EXPECT_EQ(std::count(curves.begin(), curves.end(), curve), 0) << "each world is another training";
+      }
+      curves.push_back(curve);
+    }
+}
+
+class MapSection : public SectionTest {
+ protected:
+  MapSection() : SectionTest("map") {}
+  static WorldOptions city() {
+    WorldOptions options;
+    options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 130}};
+    return options;
+  }
+};
+
+TEST_F(MapSection, PlansPoliciesWithAndWithoutJunctionsOnADrawnMap) {
+  World world(city());
+  const Json data = section_.plan(context(world, world));
+  EXPECT_EQ(work_.units(), 2 * (2 + 1 + 2) + 1);
+  EXPECT_TRUE(data["drawn"]);
+  EXPECT_EQ(data["layout"]["junctions"].size(), 7u);
+  EXPECT_EQ(data["layout"]["east"].size(), 128u);
+  EXPECT_EQ(data["traversals"].size(), 3u);
+  ASSERT_EQ(data["policies"].size(), 9u);
+  ASSERT_TRUE(work_.run());
+  for (const Json& policy : data["policies"])
+    for (const Json& unit : policy["units"]) EXPECT_EQ(work_.outcome(unit.get<int>())["trials"].size(), 3u) << policy;
+}
+
+TEST_F(MapSection, TakesRecordingsThatCrossThemselves) {
+  const std::string data = folder_ / "data";
+  std::filesystem::create_directories(data);
+  const Traversal traversal = looped_recording();
+  Random random{5};
+  for (const std::string name : {"day", "night"}) {
+    std::ofstream features(data + "/" + name + ".csv"), poses(data + "/" + name + ".poses.csv");
+    poses << "frame,lat,lon\n";
+    for (int i = 0; i < traversal.frames; ++i) {
+      for (int k = 0; k < 8; ++k) features << random.normal() << (k < 7 ? "," : "\n");
+      const auto at = static_cast<std::size_t>(i);
+      if (std::isfinite(traversal.latitude[at]))
+        poses << i << fmt::format(",{:.6f},{:.6f}\n", traversal.latitude[at], traversal.longitude[at]);
+    }
+  }
+  WorldOptions options;
+  options.source.dataset = "plain";
+  options.source.folder = data;
+  options.source.traversal = "day";
+  options.source.selection.by = "index";  // night's features are no help in finding places, nor is a gap
+  World world(options), drawn(city());
+  const Json planned = section_.plan(context(world, drawn));
+  EXPECT_FALSE(planned["drawn"]);
+  EXPECT_FALSE(planned["recordings"]["drawn"]);
+  EXPECT_EQ(planned["layout"]["junctions"].size(), 1u);
+}
+
+}  // namespace
+}  // namespace citylearn::paper

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the paper has figures of: trainings, deployments, place recognition, and its main finding.
+#include <algorithm>
+#include <cmath>
+
+#include "encoder_service/encoding/encoder.h"
+#include "tools/paper/sections/sections.h"
+#include "tools/paper/studies/memory.h"
+#include "tools/paper/studies/recognition.h"
+
+namespace citylearn::paper {
+namespace {
+
+/// Features a frame that the paper compares.
+const std::vector<int> kPaperDimensions = {64, 512, 2048, 4096};
+/// Those that the section on them compares.
+const std::vector<int> kDimensions = {64, 128, 512, 2048, 4096};
+
+/// The paper's agent on another representation, with fewer seeds where there are more features, as its training takes
+/// longer.
+Context::Agent wide_agent(const Context& context, const std::string& representation) {
+  Context::Agent agent = context.paper_agent();
+  const int features = context.world.features(representation);
+  agent.representation = representation;
+  agent.seeds.resize(std::min<std::size_t>(agent.seeds.size(), features <= 512 ? 3 : 1));
+  agent.seconds = 60 + 0.04 * features;  // on two idle processors
+  return agent;
+}
+
+/// The paper's agent on more features than the others compare it on, as many as the data allow.
+std::vector<Context::Agent> wide_agents(const Context& context) {
+  const std::string narrow = context.paper_agent().representation, encoder = encoder_of(narrow) + "-";
+  std::vector<Context::Agent> agents;
+  for (const std::string& representation : context.world.representations(kPaperDimensions))
+    if (representation.starts_with(encoder) && context.world.features(representation) > context.world.features(narrow))
+      agents.push_back(wide_agent(context, representation));
+  if (context.quick && agents.size() > 1) agents.erase(agents.begin(), agents.end() - 1);
+  return agents;
+}
+
+/// "metres" from the first known position to the last; the mean "step" and the "smallest_step" between neighbours that
+/// are not the same place. Null where unknown.
+Json length_of(const Traversal& traversal) {
+  const auto position = [&](int i) { return static_cast<double>(traversal.positions[static_cast<std::size_t>(i)]); };
+  int first = 0, last = traversal.frames - 1;
+  while (first < traversal.frames && !std::isfinite(position(first))) ++first;
+  while (last > first && !std::isfinite(position(last))) --last;
+  if (last <= first) return {{"metres", nullptr}, {"step", nullptr}, {"smallest_step", nullptr}};
+  const double metres = position(last) - position(first);
+  double smallest = INFINITY;
+  for (int i = first + 1; i <= last; ++i)
+    if (const double step = std::abs(position(i) - position(i - 1)); step > 0) smallest = std::min(smallest, step);
+  return {{"metres", number(metres)}, {"step", number(metres / (last - first))}, {"smallest_step", number(smallest)}};
+}
+
+std::string sensors_of(const Traversal& traversal) {
+  std::string text = traversal.images ? "pictures" : std::to_string(traversal.dimension) + " features";
+  if (!traversal.latitude.empty()) text += ", GPS";
+  if (!traversal.times.empty()) text += ", time";
+  return text;
+}
+
+}  // namespace
+
+Json plan_figure_2(const Context& context) {
+  Json agents = context.add_agents();
+  const Json wide =
+      context.compare(context.world, wide_agents(context), {}, [](Study& study) { study.deploy_every = 0; })["agents"];
+  agents.insert(agents.end(), wide.begin(), wide.end());
+  return {{"agents", agents}};
+}
+
+Json plan_figure_6(const Context& context) {
+  World& world = context.world;
+  std::vector<std::string> queries = world.names();
+  if (queries.size() > 1) queries.erase(queries.begin());
+  std::vector<std::string> representations = world.representations(kPaperDimensions);
+  std::erase(representations, "raw84");  // pixels are for agents that learn to see
+  // The paper's classifier, and the plain nearest frame beside it.
+  const std::vector<std::string> methods = {"mlp", "nearest"};
+  Json cases = Json::array();
+  for (const std::string& representation : representations)
+    for (const std::string& method : methods)
+      for (const std::string& query : queries)
+        cases.push_back(add_case({representation, method, query}, context.work, world));
+  return {{"tolerance", kPlaceTolerance},
+          {"representations", representations},
+          {"methods", methods},
+          {"queries", queries},
+          {"cases", cases}};
+}
+
+Json plan_figure_7(const Context& context) { return {{"agents", context.add_agents()}}; }
+
+Json plan_figure_8_9(const Context& context) {
+  return context.compare(context.world, context.agents, {"blind", "shortest_path", "sequence_filter"}, [](Study&) {});
+}
+
+Json plan_tables(const Context& context) {
+  Json traversals = Json::array(), encoders = Json::array();
+  for (const std::string& name : context.world.names()) {
+    const Traversal& traversal = context.world.recording(name);
+    Json row = length_of(traversal);
+    row.update({{"name", name},
+                {"condition", traversal.condition},
+                {"frames", traversal.frames},
+                {"sensors", sensors_of(traversal)}});
+    traversals.push_back(row);
+  }
+  for (const auto* entry : EncoderRegistry::instance().entries()) encoders.push_back(entry->name);
+  // Measured with the features that agents are given.
+  const int memory =
+      context.work.add(memory_unit(context.agents.front().representation, env_service_program(), context.world));
+  return {{"traversals", traversals}, {"encoders", encoders}, {"memory", memory}};
+}
+
+Json plan_dimensions(const Context& context) {
+  World& world = context.world.pictures() ? context.world : context.drawn;
+  const std::string encoder = encoder_of(world.common_representation());
+  const int learned_from = world.recording(world.train()).frames;
+  // As many features as there can be are tried where this is less than wanted.
+  const int most = std::min(world.encoder_dimension(encoder), learned_from - 1);
+  std::vector<int> tried, missing;
+  for (const int dimension : kDimensions) (dimension <= most ? tried : missing).push_back(dimension);
+  if (!missing.empty() && (tried.empty() || tried.back() < most)) tried.push_back(most);
+  Json rows = Json::array();
+  for (const int features : tried) {
+    const std::string representation = encoder + "-" + std::to_string(features);
+    // What the other sections need too is the same piece of work.
+    const bool elsewhere = &world == &context.world && representation == context.paper_agent().representation;
+    std::vector<Context::Agent> agents = {
+        {"place_filter", representation, context.seeds, 2 + 0.003 * features, "relabel"}};
+    // Quick reports train the paper's agent on the fewest and the most alone.
+    if (!context.quick || features == tried.front() || features == tried.back())
+      agents.push_back(elsewhere ? context.paper_agent() : wide_agent(context, representation));
+    Json row = context.compare(world, agents, {"sequence_filter", "blind"}, [&](Study& study) {
+      if (!elsewhere || study.agent != "features") study.deploy_every = 0;
+    });
+    row["features"] = features;
+    rows.push_back(row);
+  }
+  return {{"recordings", world.description()},
+          {"substitute", &world != &context.world},
+          {"encoder", encoder},
+          {"encoder_dimension", world.encoder_dimension(encoder)},
+          {"learned_from", learned_from},
+          {"missing", missing},
+          {"frames", std::min(context.frames, world.frames())},
+          {"sizes", rows}};
+}
+
+}  // namespace citylearn::paper
