@@ -6,6 +6,8 @@ import json
 import sys
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "lab"))
+
 import charts
 
 COLUMNS = {"encoder": "encoder", "dimension": "dimension", "centring": "centring", "method": "method", "query": "query",

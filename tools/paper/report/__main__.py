@@ -4,7 +4,7 @@
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "vpr"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "lab"))
 
 import report
 

@@ -1,30 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Policies that learn beside policies that learn nothing, drawn over a quantity that a part of the report varies."""
+"""Policies that learn beside policies that learn nothing."""
 
 from typing import Any
 
 from charts import Chart, Line
 from inputs import Inputs
 from page import Page
-from trials import Rows, remark_failed, rows_of, trials_on
+from trials import Rows, remark_failed, rows_of, short_rows, trials_on
 
 Policies = dict[str, list[Rows | None]]  # outcomes by label
 
 UNADAPTED, TOLD, BLIND = "sequence_filter", "sequence_filter, told", "blind"
+TRIALS = ["traversal", "seeds x tasks", "completed", "SPL", "excess"]  # columns of short_rows()
 
 
 def learns_nothing(label: str) -> bool:
     return label in (UNADAPTED, TOLD, BLIND, "shortest_path")
 
 
-def policies_of(inputs: Inputs, part: Any, name: str, page: Page) -> Policies:
-    """Returns the outcomes of the part's agents and controls; remarks which trainings failed, with the part's name."""
-    policies: Policies = {}
+def policies_of(inputs: Inputs, part: Any) -> Policies:
+    """Returns the outcomes of the part's agents and controls."""
+    agents = {agent["label"]: list(rows_of(inputs.outcomes(agent["units"]))) for agent in part["agents"]}
+    return {**agents, **inputs.controls(part)}
+
+
+def remark_failed_agents(inputs: Inputs, part: Any, name: str, page: Page) -> None:
     for agent in part["agents"]:
-        trainings = inputs.outcomes(agent["units"])
-        remark_failed(page, f"{agent['label']}, {name}", len(trainings), len(agent["units"]))
-        policies[agent["label"]] = list(rows_of(trainings))
-    return {**policies, **inputs.controls(part)}
+        remark_failed(page, agent["label"] + name, len(inputs.outcomes(agent["units"])), len(agent["units"]))
 
 
 def draw_spl(key: str, title: str, x_label: str, points: list[tuple[float, Policies]], traversal: str, page: Page,
@@ -40,3 +42,9 @@ def draw_spl(key: str, title: str, x_label: str, points: list[tuple[float, Polic
     chart = Chart(title, x_label, "SPL", list(lines.values()), y_limits=(0, 1), height=260, **limits)
     page.chart(f"{key}-{traversal}", chart,
                f"{title}, mean of the seeds with its 95 % interval; dashed: policies that learn nothing.")
+
+
+def table_rows(points: list[tuple[str, Policies]], traversals: list[str]) -> list[list[str]]:
+    """Returns short_rows() of all policies, after their name for each point and their label."""
+    return [row for name, policies in points for label, outcomes in policies.items()
+            for row in short_rows(outcomes, traversals, name, label)]

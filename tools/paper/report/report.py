@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the report of one folder."""
 
-import importlib
 import sys
 from pathlib import Path
-from types import ModuleType
 
 from inputs import InputError, Inputs
 from page import Page
+from sections import (comparisons, figure_2, figure_6, figure_7, figure_8_9, figure_10, tables, transfer, viewpoint,
+                      map as junction_map)
 
-def module_of(section: str) -> ModuleType:
-    try:
-        return importlib.import_module(f"sections.{section.replace('-', '_')}")
-    except ModuleNotFoundError as error:
-        raise InputError(f"report.json: field 'name': unknown section '{section}' (run citylearn paper again)") from error
+RENDERERS = {
+    "figure-2": figure_2.render, "figure-6": figure_6.render, "figure-7": figure_7.render,
+    "figure-8-9": figure_8_9.render, "figure-10": figure_10.render, "tables": tables.render,
+    "longer-routes": comparisons.longer_routes, "transfer": transfer.render, "viewpoint": viewpoint.render,
+    "experiences": comparisons.experiences, "imperfect-world": comparisons.imperfect_world,
+    "dimensions": comparisons.dimensions, "map": junction_map.render}
 
 
 def make_report(folder: Path) -> None:
@@ -26,7 +27,9 @@ def make_report(folder: Path) -> None:
         if "error" in section:
             page.remark(f"This part could not be made: {section['error']}")
             continue
-        module_of(name).render(inputs, data, page)
+        if name not in RENDERERS:
+            raise InputError(f"report.json: field 'name': unknown section '{name}' (run citylearn paper again)")
+        RENDERERS[name](inputs, data, page)
         given += [strip["file"] for strip in data.get("strips", [])]
     kind = "drawn" if inputs.recordings.drawn else "real"
     page.write("CityLearn's experiments, again",

@@ -11,7 +11,7 @@ import unittest
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[5]
-sys.path += [str(ROOT / "tools/paper/report"), str(ROOT / "tools/vpr")]
+sys.path += [str(ROOT / "tools" / folder) for folder in ("paper/report", "vpr", "lab")]
 
 import charts
 import curves
