@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""env_services and actors for a learner in Python."""
+"""env_services and actors for tests in Python."""
 
 import contextlib
+import signal
 import subprocess
 
 from support import BUILD, DRAWN
@@ -20,19 +21,21 @@ def service(name, *options, middleware=WHERE["middleware"]):
 
 
 @contextlib.contextmanager
-def running(*services):
+def running(*services, end=signal.SIGKILL):
     """Yields services, and ends them."""
     try:
         yield services
     finally:
         for process in services:
-            process.kill()
+            process.send_signal(signal.SIGCONT)
+            process.send_signal(end)
             process.wait()
 
 
-def env_services(count=2, **where):
-    data = as_options({name: value for name, value in DRAWN.items() if name != "frames"})
-    return [service("env_service", "--agents=8", "--linger=0", f"--id=env-{i}", *data, **where) for i in range(count)]
+def env_services(count=2, agents=8, traversal="summer", data=None, **where):
+    options = as_options({name: value for name, value in (data or DRAWN).items() if name != "frames"})
+    return [service("env_service", f"--agents={agents}", "--linger=0", f"--traversal={traversal}",
+                    f"--id=env-{traversal}-{i}", *options, **where) for i in range(count)]
 
 
 def actor(number, **where):

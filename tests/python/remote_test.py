@@ -1,50 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """VectorEnv over DDS: the same numbers as in process, and one clear error for each thing that goes wrong."""
 
-import contextlib
-import ctypes
 import os
 import signal
-import subprocess
 import threading
 import unittest
 
-from support import BUILD, DRAWN, towards_goal, walk
-from domain import own_domain
+import actors
+from support import DRAWN, ClearErrors, towards_goal, walk
+from actors import DOMAIN, running
 
 import numpy as np
 
 import citylearn
 
 MIDDLEWARES = ["cyclonedds", "fastdds"]
-DOMAIN = own_domain()
 TASK = {"frames": DRAWN["frames"], "max_steps": 20}
 
 
-def where(middleware):
-    return [f"--domain={DOMAIN}", "--interface=lo", f"--middleware={middleware}", "--log-level=warn"]
-
-
-@contextlib.contextmanager
-def running(*command):
-    """Yields a service, which runs meanwhile."""
-    process = subprocess.Popen(command)
-    try:
-        yield process
-    finally:
-        process.send_signal(signal.SIGCONT)
-        process.terminate()
-        process.wait()
-
-
-@contextlib.contextmanager
 def env_services(middleware, count=1, traversal="summer", data=None):
     """Yields running env_services of four agents."""
-    options = [f"--{name.replace('_', '-')}={value}" for name, value in (data or DRAWN).items() if name != "frames"]
-    with contextlib.ExitStack() as stack:
-        yield [stack.enter_context(running(BUILD / "env_service/env_service", "--agents=4", "--linger=0",
-                                           f"--traversal={traversal}", f"--id=env-{traversal}-{i}", *options,
-                                           *where(middleware))) for i in range(count)]
+    return running(*actors.env_services(count, 4, traversal, data, middleware=middleware), end=signal.SIGTERM)
 
 
 def connect(middleware, **options):
@@ -99,8 +75,8 @@ class Equality(unittest.TestCase):
         for traversal in ("summer", "winter"):
             here = citylearn.VectorEnv(agents=4, traversal=traversal, store="none", encoder="patchnorm", **task, **data)
             with env_services("cyclonedds", data=data), env_services("cyclonedds", data=data, traversal="winter"), \
-                    running(BUILD / "encoder_service/encoder_service", "--encoder=patchnorm", "--store=none",
-                            *where("cyclonedds")):
+                    running(actors.service("encoder_service", "--encoder=patchnorm", "--store=none"),
+                            end=signal.SIGTERM):
                 env = connect("cyclonedds", traversal=traversal, **task)
                 self.assertEqual(walk(env, 7, 60), walk(here, 7, 60), traversal)
                 env.close()
@@ -122,24 +98,11 @@ class Equality(unittest.TestCase):
                 env.close()
 
 
-class Errors(unittest.TestCase):
+class Errors(ClearErrors):
     def test_a_missing_service_is_a_timeout_that_leaves_other_threads_running(self):
-        caught = []
-
-        def run():
-            try:
-                connect("cyclonedds", session="nobody", wait=1)
-            except TimeoutError as error:
-                caught.append(str(error))
-
-        thread = threading.Thread(target=run)
-        thread.start()
-        turns = 0
-        while thread.is_alive():
-            thread.join(0.01)
-            turns += 1
-        self.assertRegex(caught[0], r"0 of 1 env_services on 'summer' within 1 s \(none was found\) \(same session 'nobody'")
-        self.assertGreater(turns, 20)
+        self.expect_timeout_beside_threads(
+            r"0 of 1 env_services on 'summer' within 1 s \(none was found\) \(same session 'nobody'",
+            lambda: connect("cyclonedds", session="nobody", wait=1))
 
     def test_a_silent_service_is_a_timeout_and_reset_goes_on_after_it(self):
         with env_services("cyclonedds") as (service,):
@@ -189,18 +152,6 @@ class Errors(unittest.TestCase):
                 for _ in range(20):
                     env.step(np.zeros(4, int))
                 env.close()
-
-    def in_fork(self, call):
-        """Calls it in a forked process, which must end well and soon."""
-        child = os.fork()
-        if child == 0:
-            signal.alarm(30)
-            try:
-                call()
-                ctypes.CDLL(None).exit(0)  # with what libraries do then
-            finally:
-                os._exit(1)
-        self.assertEqual(os.waitpid(child, 0)[1], 0)
 
     def test_options(self):
         with self.assertRaisesRegex(TypeError, "unknown option 'slip' .known: .*middleware"):

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests of the package share. Each is called with the folders of the sources and the build."""
 
+import ctypes
+import os
+import signal
 import sys
+import threading
 import unittest
 from pathlib import Path
 
@@ -23,6 +27,36 @@ class ClearErrors(unittest.TestCase):
         with self.assertRaisesRegex(kind, pattern) as caught:
             call(*arguments, **options)
         self.assertNotIn("\n", str(caught.exception))
+
+    def in_fork(self, call):
+        """Calls it in a forked process, which must end well and soon."""
+        child = os.fork()
+        if child == 0:
+            signal.alarm(30)
+            try:
+                call()
+                ctypes.CDLL(None).exit(0)  # with what libraries do then
+            finally:
+                os._exit(1)
+        self.assertEqual(os.waitpid(child, 0)[1], 0)
+
+    def expect_timeout_beside_threads(self, pattern, call):
+        """The call must raise TimeoutError with this pattern, and other threads must run meanwhile."""
+        caught, turns = [], 0
+
+        def run():
+            try:
+                call()
+            except TimeoutError as error:
+                caught.append(str(error))
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        while thread.is_alive():
+            thread.join(0.01)
+            turns += 1
+        self.assertRegex(caught[0], pattern)
+        self.assertGreater(turns, 20)
 
 
 def need_peers(*names):

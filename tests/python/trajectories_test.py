@@ -209,21 +209,9 @@ class Errors(ClearErrors):
         self.expect(FileNotFoundError, "nowhere.clk", learner, initial="nowhere.clk", wait=1)
 
     def test_what_is_missing_is_a_timeout_that_leaves_other_threads_running(self):
-        caught, turns = [], 0
-
-        def run():
-            try:
-                learner(session="nobody", wait=1)
-            except TimeoutError as error:
-                caught.append(str(error))
-
-        thread = threading.Thread(target=run)
-        thread.start()
-        while thread.is_alive():
-            thread.join(0.01)
-            turns += 1
-        self.assertRegex(caught[0], r"no env_service on summer within 1 s \(none was found\) \(same session 'nobody'")
-        self.assertGreater(turns, 20)
+        self.expect_timeout_beside_threads(
+            r"no env_service on summer within 1 s \(none was found\) \(same session 'nobody'",
+            lambda: learner(session="nobody", wait=1))
         with running(*env_services(1)), learner(wait=5) as source:
             self.expect(TimeoutError, r"no actor has come within 5 s \(start policy_service with role actor in "
                         "the same session 'default', domain", next, source)
@@ -276,17 +264,8 @@ class Errors(ClearErrors):
     def test_a_forked_process_leaves_the_learner_to_its_parent(self):
         with running(*env_services(1), actor(1)), learner() as source:
             next(source)
-            for call in (lambda: self.expect(RuntimeError, "the learner belongs to process", next, source),
-                         source.close):
-                child = os.fork()
-                if child == 0:
-                    signal.alarm(30)
-                    try:
-                        call()
-                        os._exit(0)
-                    finally:
-                        os._exit(1)
-                self.assertEqual(os.waitpid(child, 0)[1], 0)
+            self.in_fork(lambda: self.expect(RuntimeError, "the learner belongs to process", next, source))
+            self.in_fork(source.close)
             next(source)
 
     def test_closed(self):

@@ -2,9 +2,7 @@
 """VectorEnv in process, with numpy alone."""
 
 import argparse
-import os
 import re
-import signal
 import tempfile
 import unittest
 from pathlib import Path
@@ -357,16 +355,12 @@ class Errors(ClearErrors):
         env = VectorEnv(agents=2, **DRAWN)
         env.reset(seed=0)
         env.send(np.zeros(2, int))
-        child = os.fork()
-        if child == 0:
-            signal.alarm(30)
-            try:
-                self.expect(RuntimeError, "belongs to process", env.recv)
-                env.close()
-                os._exit(0)
-            finally:
-                os._exit(1)
-        self.assertEqual(os.waitpid(child, 0)[1], 0)
+
+        def receive_and_close():
+            self.expect(RuntimeError, "belongs to process", env.recv)
+            env.close()
+
+        self.in_fork(receive_and_close)
         env.recv()
 
     def test_actions(self):
