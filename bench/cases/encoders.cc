@@ -147,10 +147,10 @@ void measure(const Kind& kind, const std::vector<std::string>& names, int thread
 Measure encoder(CLI::App& command) {
   const auto options = std::make_shared<EncoderCase>();
   options->files.model = testing::real_data(CITYLEARN_SOURCE_DIR, "nets/osnet_x0_25_msmt17.onnx");
-  command.add_option("--model", options->files.model, "ONNX file")->capture_default_str();
+  command.add_option("--model", options->files.model, "ONNX file");
   command.add_option("--layer", options->files.layer, "output layer; the last one by default");
   command.add_option("--preset", options->files.preset, "input size, mean, deviation and layer of a known network");
-  command.add_option("--rounds", options->rounds, "rounds")->check(CLI::Range(1, 1000))->capture_default_str();
+  command.add_option("--rounds", options->rounds, "rounds")->check(CLI::Range(1, 1000));
   for (const std::string side : {"width", "height"})
     command.add_option_function<int>(
         "--" + side, [options, side](int pixels) { options->values[side] = pixels; }, "of the input, in pixels");
@@ -161,8 +161,8 @@ Measure encoding(CLI::App& command) {
   const auto names = std::make_shared<std::vector<std::string>>(
       std::vector<std::string>{"hog", "vlad", "vlad_spatial", "hog_vlad", "patchnorm", "raw84"});
   const auto rounds = std::make_shared<int>(15);
-  command.add_option("--encoder", *names, "encoders")->capture_default_str();
-  command.add_option("--rounds", *rounds, "rounds")->check(CLI::Range(1, 1000))->capture_default_str();
+  command.add_option("--encoder", *names, "encoders");
+  command.add_option("--rounds", *rounds, "rounds")->check(CLI::Range(1, 1000));
   return [=] {
     const int processors = cv::getNumberOfCPUs();
     for (const Kind& kind : {kJpeg, Kind{"PNG 160 x 96", 160, 96, nullptr}, Kind{"PNG 64 x 32", 64, 32, nullptr}}) {

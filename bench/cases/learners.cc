@@ -111,16 +111,12 @@ void compare_with_torch(int cells, int rounds) {
 
 Measure threads(CLI::App& command) {
   const auto options = std::make_shared<ThreadsCase>();
-  command.add_option("--agent", options->agents, "networks")->capture_default_str();
-  command.add_option("--learner", options->learner, "learner")->capture_default_str();
-  command.add_option("--shards", options->shards, "of a minibatch")->check(CLI::Range(1, 256))->capture_default_str();
-  command.add_option("--threads", options->threads, "that learn")->check(CLI::Range(1, 1024))->capture_default_str();
-  command.add_option("--minibatch", options->minibatch, "sequences")
-      ->check(CLI::Range(1, 65536))
-      ->capture_default_str();
-  command.add_option("--rounds", options->rounds, "measured updates of each")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
+  command.add_option("--agent", options->agents, "networks");
+  command.add_option("--learner", options->learner, "learner");
+  command.add_option("--shards", options->shards, "of a minibatch")->check(CLI::Range(1, 256));
+  command.add_option("--threads", options->threads, "that learn")->check(CLI::Range(1, 1024));
+  command.add_option("--minibatch", options->minibatch, "sequences")->check(CLI::Range(1, 65536));
+  command.add_option("--rounds", options->rounds, "measured updates of each")->check(CLI::Range(1, 1000));
   return [options] {
     std::printf("%s, minibatches of %d sequences, %d processors; ratios to the first line\n", options->learner.c_str(),
                 options->minibatch, available_processors());
@@ -131,10 +127,8 @@ Measure threads(CLI::App& command) {
 Measure torch(CLI::App& command) {
   const auto plugin = std::make_shared<std::string>(CITYLEARN_TORCH_PPO);
   const auto rounds = std::make_shared<int>(3);
-  command.add_option("--torch-ppo", *plugin, "torch_ppo.so")->capture_default_str();
-  command.add_option("--rounds", *rounds, "measured updates of each")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
+  command.add_option("--torch-ppo", *plugin, "torch_ppo.so");
+  command.add_option("--rounds", *rounds, "measured updates of each")->check(CLI::PositiveNumber);
   return [=] {
     if (plugin->empty()) {
       std::printf("skipped: built without libtorch (docs/how-to/load-a-plugin.md)\n");

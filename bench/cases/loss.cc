@@ -61,8 +61,8 @@ void compare(const std::string& middleware, int percent) {
 Measure loss(CLI::App& command) {
   const auto middleware = std::make_shared<std::string>("cyclonedds");
   const auto percent = std::make_shared<int>(5);
-  command.add_option("middleware", *middleware, "cyclonedds or fastdds")->capture_default_str();
-  command.add_option("percent", *percent, "packets lost")->capture_default_str()->check(CLI::Range(1, 50));
+  command.add_option("middleware", *middleware, "cyclonedds or fastdds");
+  command.add_option("percent", *percent, "packets lost")->check(CLI::Range(1, 50));
   return [=] { compare(*middleware, *percent); };
 }
 

@@ -8,7 +8,7 @@ int main(int argc, char** argv) {
     const char *name, *help;
     Measure (*add)(CLI::App& command);
   };
-  CLI::App app("Benchmarks that take little", "bench_cases");
+  CLI::App app("Benchmarks of trainings, encoders and learners", "bench_cases");
   app.require_subcommand(1);
   Measure chosen;
   for (const Case& one :
@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
         {"threads", "The updates of a learner on more threads and in more shards", threads},
         {"torch", "The updates of ppo and torch_ppo on the same rollouts", torch}}) {
     CLI::App* command = app.add_subcommand(one.name, one.help);
+    command->option_defaults()->always_capture_default();
     command->callback([&chosen, measure = one.add(*command)] { chosen = measure; });
   }
   return run(app, argc, argv, [&] { chosen(); });

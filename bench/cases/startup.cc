@@ -76,8 +76,8 @@ void measure(const std::vector<std::string>& middlewares, int rounds) {
 Measure startup(CLI::App& command) {
   const auto middlewares = std::make_shared<std::vector<std::string>>(testing::Arguments{"cyclonedds", "fastdds"});
   const auto rounds = std::make_shared<int>(7);
-  command.add_option("--middleware", *middlewares, "vendors")->capture_default_str();
-  command.add_option("--rounds", *rounds, "rounds")->check(CLI::Range(1, 1000))->capture_default_str();
+  command.add_option("--middleware", *middlewares, "vendors");
+  command.add_option("--rounds", *rounds, "rounds")->check(CLI::Range(1, 1000));
   return [=] { measure(*middlewares, *rounds); };
 }
 

@@ -29,8 +29,7 @@ struct Layout {
   int steps = 0, environments = 1, agents_each = 0, actors = 0;
   Arguments environment = {"--synthetic-images", "0"};
   Arguments policy = {};
-  std::string store = {};          ///< of an encoder_service; empty: none
-  std::vector<double> rates = {};  ///< steps per second, by round
+  std::string store = {};  ///< of an encoder_service; empty: none
 };
 
 /// What a training takes: steps per second, shares of the time, updates, seconds.
@@ -98,7 +97,7 @@ Cost train(const Layout& layout) {
 
 /// Trains in each layout by turns and prints what each costs: medians, the ratio to the first one's rate that of the
 /// same round.
-void compare(std::vector<Layout> layouts, int rounds) {
+void compare(const std::vector<Layout>& layouts, int rounds) {
   std::vector<std::vector<Cost>> costs(layouts.size());
   for (int round = 0; round < rounds; ++round)
     for (std::size_t i = 0; i < layouts.size(); ++i) costs[i].push_back(train(layouts[i]));
@@ -185,8 +184,6 @@ void compare_images(const Options& options) {
     }
 }
 
-}  // namespace
-
 /// Adds the options that all trainings have; the first one may be given without its name.
 Measure add_trainings(CLI::App& command, const std::string& first, Options defaults, void (*measure)(const Options&)) {
   const auto options = std::make_shared<Options>(std::move(defaults));
@@ -202,6 +199,8 @@ Measure add_trainings(CLI::App& command, const std::string& first, Options defau
   command.add_option("--policy", options->policy, "further options of the policy_service")->allow_extra_args();
   return [=] { measure(*options); };
 }
+
+}  // namespace
 
 Measure images(CLI::App& command) {
   return add_trainings(command, "rounds", {.agents = {"place_filter", "features"}, .steps = 60000, .rounds = 5},
