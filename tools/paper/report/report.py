@@ -6,12 +6,11 @@ from pathlib import Path
 
 from inputs import InputError, Inputs
 from page import Page
-from sections import (comparisons, figure_2, figure_6, figure_7, figure_8_9, figure_10, tables, transfer, viewpoint,
-                      map as junction_map)
+from sections import comparisons, figure_10, figures, map as junction_map, transfer, viewpoint
 
 RENDERERS = {
-    "figure-2": figure_2.render, "figure-6": figure_6.render, "figure-7": figure_7.render,
-    "figure-8-9": figure_8_9.render, "figure-10": figure_10.render, "tables": tables.render,
+    "figure-2": figures.figure_2, "figure-6": figures.figure_6, "figure-7": figures.figure_7,
+    "figure-8-9": figures.figure_8_9, "figure-10": figure_10.render, "tables": figures.tables,
     "longer-routes": comparisons.longer_routes, "transfer": transfer.render, "viewpoint": viewpoint.render,
     "experiences": comparisons.experiences, "imperfect-world": comparisons.imperfect_world,
     "dimensions": comparisons.dimensions, "map": junction_map.render}

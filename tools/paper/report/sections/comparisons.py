@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parts that compare the same policies while one thing varies: the features, the route, what they know, the world."""
+"""The parts that compare policies while one thing varies: the features, the route, what they know, the world."""
 
 import math
 from typing import Any
