@@ -14,7 +14,7 @@
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "policy_service/run/sweep.h"
-#include "tools/lab/python.h"
+#include "tools/lab/programs.h"
 #include "tools/paper/manifest.h"
 #include "tools/paper/sections/sections.h"
 

@@ -13,10 +13,9 @@
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/plane.h"
 #include "tools/lab/descriptors.h"
-#include "tools/lab/python.h"
-#include "tools/vpr/match_picture.h"
+#include "tools/lab/programs.h"
+#include "tools/vpr/pictures.h"
 #include "tools/vpr/report.h"
-#include "tools/vpr/similarity_picture.h"
 
 namespace citylearn::vpr {
 namespace {

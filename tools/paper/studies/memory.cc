@@ -13,7 +13,7 @@
 #include "core/util/error.h"
 #include "core/wire/service.h"
 #include "env_service/environment.h"
-#include "tools/lab/child.h"
+#include "tools/lab/programs.h"
 
 namespace citylearn::paper {
 namespace {
