@@ -35,7 +35,7 @@ inline std::string shell(const std::string& command) {
 /// the next one made.
 class Hosts {
  public:
-  explicit Hosts(int hosts, int networks = 1) : hosts_(hosts), networks_(networks) {
+  explicit Hosts(int hosts, int networks = 1) : networks_(networks) {
     clear_leftovers();
     try {
       add(bridges());
@@ -192,7 +192,7 @@ class Hosts {
     }
   }
 
-  const int hosts_, networks_;
+  const int networks_;
   int percent_ = 0;
   std::vector<std::pair<int, int>> cuts_;
   std::vector<int> walls_;
