@@ -158,7 +158,7 @@ std::vector<std::string> World::representations(const std::vector<int>& dimensio
 
 std::string World::common_representation() {
   for (const int dimension : {64, 32, 16, 8})
-    if (const std::string first = representations({dimension}).front(); first != kRaw) return first;
+    if (std::string first = representations({dimension}).front(); first != kRaw) return first;
   return representations({}).front();
 }
 
