@@ -8,4 +8,4 @@ web=$here/../../../dashboard/web
 [ -e "$web/node_modules/.citylearn-lock" ] || skip "the page's packages are not installed (target page)"
 npm_packages "$here" "$1"
 cp "$here/eslint.config.mjs" .
-cd "$web" && exec "$1/node_modules/.bin/eslint" -c "$1/eslint.config.mjs" --max-warnings 0 src mock tests ./*.config.ts
+cd "$web" && exec "$1/node_modules/.bin/eslint" -c "$1/eslint.config.mjs" --max-warnings 0 src tests ./*.config.ts

@@ -81,7 +81,7 @@ export async function startCity(): Promise<{ city: City; stop: () => Promise<voi
     start('env_service', 'env-summer', { ...env, id: 'env-summer', traversal: 'summer' });
     start('env_service', 'env-winter', { ...env, id: 'env-winter', traversal: 'winter', 'align-to': 'summer' });
     const encoder = start('encoder_service', 'encoder', { id: 'encoder', ...wire, reference: 'summer', encoder: 'patchnorm', store: join(folder, 'features') });
-    const vpr = Program.start('tools/vpr/citylearn_vpr', { ...source, reference: 'summer', query: 'winter', encoder: 'patchnorm', output: join(folder, 'vpr') }, { folder, name: 'vpr' });
+    const vpr = Program.start('tools/vpr/citylearn_vpr', { ...source, reference: 'summer', query: 'winter', encoder: ['patchnorm', 'raw84'], output: join(folder, 'vpr') }, { folder, name: 'vpr' });
     const policy = { ...wire, train: 'summer', frames: FRAMES, wait: 60 };
     const evaluated = { ...policy, evaluate: 'summer,winter', tasks: 60, controls: 'all' };
     await start('policy_service', 'policy', { ...evaluated, seeds: '1..3', steps: 6000, 'evaluate-every': 5, output: join(folder, 'policy') }).ended();

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-import { describe, expect, it } from 'vitest';
+import { beforeAll, describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
-import { eventually, Stage, wider } from './stage';
+import type { Episode, Run } from '../../src/api/types';
+import { api, between, eventually, Stage, wider } from './stage';
 
 // Services and files may say anything. On each page, every text of theirs must stay a text.
 
@@ -27,14 +28,38 @@ const TEXTS = BEGINNINGS.map(([what, mark], i): [string, string] => {
   return [[what, ...others.map(([other]) => other)].join(', '), mark + others.map(([, other]) => other).join('')];
 });
 
-const RUN = 'demo-2211/policy/1/1763740800000000';
+const stage = Stage.ofCity();
+
+// A run that has ended, and one of its episodes.
+let run = '';
+let rowid = 0;
+beforeAll(async () => {
+  run = (await api<{ runs: Run[] }>(stage.url, 'runs')).runs.find(({ policy, state }) => policy === 'policy' && state === 'ended')?.id ?? '';
+  rowid = (await api<{ episodes: Episode[] }>(stage.url, `runs/${encodeURIComponent(run)}/episodes?limit=1`)).episodes[0]?.rowid ?? 0;
+});
+
+/** Texts of the dashboard itself, by their keys, and one that the page looks for. All others come from services and files. */
+const OWN = ['columns', 'hash', 'incarnation', 'kind', 'mode', 'state', 'type'];
+const CONTROL = 'sequence_filter';
+/** What has no text in the city. */
+const TEXTLESS = { tags: ['tag'], note: 'note', alarm: 'checkpoint: No space left on device' };
+
+/** Returns a JSON of the dashboard with the mark before each text of services and files, also in names of options. */
+function marked(json: unknown, mark: string, key = ''): unknown {
+  if (OWN.includes(key) || json === CONTROL) return json;
+  if (typeof json === 'string') return mark + json;
+  if (Array.isArray(json)) return json.map((one) => marked(one, mark, key));
+  if (json === null || typeof json !== 'object') return json;
+  const before = key === 'parameters' ? mark : '';
+  return Object.fromEntries(Object.entries(json).map(([name, one]) => [before + name, marked(name in TEXTLESS ? TEXTLESS[name as 'note'] : one, mark, name)]));
+}
 
 /** Each page, and where a text from elsewhere stands on it: in an element or in one of its attributes. */
 const VIEWS: [page: string, hash: (mark: string) => string, places: string[]][] = [
   ['overview', () => 'overview', ['.run-card h3', '.run-card .hint', '.run-card .tag', '.run-note', '.run-card nav', 'tbody th', 'td:nth-child(2)', 'td:nth-child(4)', '.alarm', 'td:nth-child(8)', 'td:nth-child(10)', 'td:last-child', '.event b + span', '.version']],
-  ['training', (mark) => `training?runs=${encodeURIComponent(`${mark}features-1830/policy/1/1763740800000005`)}`, ['.picker-list b', '[role=img]', '.tooltip span', '.legend li']],
+  ['training', (mark) => `training?runs=${encodeURIComponent(mark + run)}`, ['.picker-list b', '[role=img]', '.tooltip span', '.legend li']],
   ['route', () => 'route', ['h2', '.card-head .hint', 'option', '.map', '.picture figcaption', '.picture img']],
-  ['deployment', (mark) => `deployment?run=${encodeURIComponent(mark + RUN)}&episode=1000002`, ['h2', 'option', '.player .map', '.card-head .hint', 'thead + tbody th', '#episodes td', '.legend li', '[role=img]']],
+  ['deployment', (mark) => `deployment?run=${encodeURIComponent(mark + run)}&episode=${rowid}`, ['h2', 'option', '.player .map', '.card-head .hint', 'thead + tbody th', '#episodes td', '.legend li', '[role=img]']],
   ['recognition', () => 'recognition', ['.card-head .hint', 'tbody th', 'td', 'option', '.matrix']],
   ['compare', () => 'compare', ['.tag', '.run-note', 'option', '.path', 'tbody th', 'tbody td', 'thead th', '.legend li', '[role=img]']],
 ];
@@ -59,11 +84,8 @@ const strange = (page: Page): Promise<string[]> =>
 const hacked = (page: Page): Promise<unknown> => page.evaluate(() => (window as unknown as { hacked?: unknown }).hacked ?? ({} as { hacked?: unknown }).hacked);
 
 describe.each(TEXTS)('names and texts of %s', (_, mark) => {
-  const stage = Stage.ofMock({ mark });
-
   it('stay texts, everywhere', async () => {
-    stage.mock.alarm('policy', 'checkpoint: No space left on device');
-    const { page, complaints, outside } = await stage.page('overview', { acceptDownloads: true });
+    const { page, complaints, outside } = await stage.page('overview', { acceptDownloads: true }, (one) => between(one, (json) => marked(json, mark), (name) => name.replaceAll(mark, '')));
     for (const [name, hash, places] of VIEWS) {
       await page.goto(`${stage.url}#/${hash(mark)}`);
       const plot = page.locator('.u-over').first();
@@ -88,7 +110,6 @@ describe.each(TEXTS)('names and texts of %s', (_, mark) => {
 });
 
 describe('what else the page is given', () => {
-  const stage = Stage.ofMock();
   const mark = `<img src=x onerror=${HACK}>`;
 
   it.each([mark, `javascript:${HACK}`, '-1', '1e999'])('in its address is looked up, never shown: %s', async (value) => {
@@ -136,7 +157,7 @@ describe('what else the page is given', () => {
       const response = await route.fetch();
       await route.fulfill({ json: { ...((await response.json()) as object), goal: frames } });
     });
-    await page.goto(`${stage.url}#/deployment?run=${encodeURIComponent(RUN)}&episode=1000002`);
+    await page.goto(`${stage.url}#/deployment?run=${encodeURIComponent(run)}&episode=${rowid}`);
     await page.locator('.player .map .walker').waitFor();
     expect(complaints.filter((one) => !/status of 404/.test(one))).toEqual([]);
   });

@@ -3,9 +3,9 @@ import { mkdtempSync, readFileSync, rmSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
-import { chromium, type Browser, type BrowserContext, type BrowserContextOptions, type Page } from 'playwright-core';
+import { chromium, type Browser, type BrowserContext, type BrowserContextOptions, type Page, type WebSocketRoute } from 'playwright-core';
 import { afterAll, afterEach, beforeAll, inject } from 'vitest';
-import { Mock, type MockOptions } from '../../mock/server';
+import { parseFrame } from '../../src/api/frame';
 import { startDashboard, type Dashboard, type Options } from './programs';
 
 export interface Opened {
@@ -67,20 +67,11 @@ export class Stage {
     return own;
   }
 
-  /** The mock, which says what no service says. */
-  static ofMock(options: Partial<MockOptions> = {}): Stage & { mock: Mock } {
-    const stage = new Stage(async (): Promise<Behind> => {
-      own.mock = await Mock.start({ port: 0, page: inject('city').page, ...options });
-      return { url: own.mock.url, stop: () => own.mock.stop() };
-    });
-    const own: Stage & { mock: Mock } = Object.assign(stage, { mock: null as unknown as Mock });
-    return own;
-  }
-
-  /** Opens a page. Without options it shares its cache with others, which makes it quicker. */
-  async page(hash: string, options?: BrowserContextOptions): Promise<Opened> {
+  /** Opens a page. Without options it shares its cache with others, which makes it quicker. `prepare` is called before its address is. */
+  async page(hash: string, options?: BrowserContextOptions, prepare?: (page: Page) => Promise<unknown>): Promise<Opened> {
     const open = (): Promise<BrowserContext> => this.browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
     const page = await (await (options ? open() : (this.shared ??= open()))).newPage();
+    await prepare?.(page);
     page.setDefaultTimeout(60_000);
     const complaints: string[] = [];
     const outside: string[] = [];
@@ -97,6 +88,57 @@ export class Stage {
     await page.goto(`${this.url}#/${hash}`);
     return { page, complaints, outside };
   }
+}
+
+/** A message of the dashboard: JSON of the API, or the header and the payload of a frame. */
+interface Message {
+  header: Record<string, unknown>;
+  payload: Uint8Array | Buffer;
+}
+
+function frameOf({ header, payload }: Message): Buffer {
+  const text = JSON.stringify(header);
+  const json = Buffer.from(text.padEnd(text.length + 7 - ((Buffer.byteLength(text) + 3) % 8)));
+  const length = Buffer.alloc(4);
+  length.writeUInt32LE(json.length);
+  return Buffer.concat([length, json, payload]);
+}
+
+const TOLD_AS_JSON = ['services', 'runs', 'events'];
+
+/**
+ * Stands between a page, which is not open yet, and its dashboard: the page is told `told(json)` in place of each JSON, and the
+ * dashboard is asked for `asked(name)` in place of each name. Returns a function that tells the page one more message of a topic.
+ */
+export async function between(page: Page, told: (json: unknown) => unknown, asked = (name: string): string => name): Promise<(topic: string, json: object) => void> {
+  const sockets = new Set<WebSocketRoute>();
+  const names = new Map<string, string>(); // topic -> as the page calls it
+  await page.route('**/api/**', async (route) => {
+    const url = new URL(route.request().url());
+    url.pathname = url.pathname.split('/').map((part) => encodeURIComponent(asked(decodeURIComponent(part)))).join('/');
+    for (const [name, value] of [...url.searchParams]) url.searchParams.set(name, asked(value));
+    const response = await route.fetch({ url: url.href });
+    const json = response.ok() && response.headers()['content-type'] === 'application/json';
+    await route.fulfill(json ? { json: told(await response.json()) } : { response });
+  });
+  await page.routeWebSocket('**/api/live', (socket) => {
+    sockets.add(socket);
+    const server = socket.connectToServer();
+    socket.onMessage((message) => {
+      const { watch } = JSON.parse(String(message)) as { watch: string[] };
+      for (const topic of watch) names.set(asked(topic), topic);
+      server.send(JSON.stringify({ watch: watch.map(asked) }));
+    });
+    server.onMessage((message) => {
+      const { topic, header, payload } = parseFrame(new Uint8Array(message as Buffer).buffer);
+      const json = TOLD_AS_JSON.includes(topic);
+      socket.send(frameOf({
+        header: { ...(told(header) as object), topic: names.get(topic) ?? topic },
+        payload: json ? Buffer.from(JSON.stringify(told(JSON.parse(Buffer.from(payload).toString())))) : payload,
+      }));
+    });
+  });
+  return (topic, json) => sockets.forEach((socket) => socket.send(frameOf({ header: { topic }, payload: Buffer.from(JSON.stringify(json)) })));
 }
 
 /** Returns how far a page is wider than its window. */
