@@ -74,7 +74,6 @@ Answer Api::answer(const Query& query) {
       return json_answer(runs());
     }
     if (first == "runs" && (depth == 2 || depth == 3)) return answer_run(query);
-    if (first == "compare" && depth == 1) return compare(query);
     if (first == "episodes" && depth == 2) return episode(query);
     if (first == "controls" && depth == 1) return controls(query);
     if (first == "services" && depth == 1) return services();

@@ -67,7 +67,6 @@ class Api {
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
   Answer annotate(const std::string& name, const Query& query);
-  Answer compare(const Query& query);
   Answer playback(const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row, bool csv);

@@ -52,18 +52,6 @@ export interface TrainingAnswer {
   decimated: boolean;
 }
 
-/** A fact of several runs: an option, or a final figure. */
-export interface ComparedRow {
-  key: string;
-  /** One a run; null where it has none. */
-  values: (string | null)[];
-  differs: boolean;
-}
-export interface Comparison {
-  config: ComparedRow[];
-  figures: ComparedRow[];
-}
-
 export interface ControlFigures {
   spl: number;
   reward: number;

@@ -2,16 +2,16 @@
 import type { JSX } from 'preact';
 import { useMemo, useState } from 'preact/hooks';
 import { remove, runPath } from '../api/client';
-import type { Comparison, Evaluation, Run, RunDetail } from '../api/types';
+import type { Evaluation, Run, RunDetail } from '../api/types';
 import { curveOf, type Line } from '../maths/curves';
 import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
-import { artefactsOf } from '../maths/manifest';
+import { artefactsOf, compareManifests, type Fact } from '../maths/manifest';
 import { meanRate, runName } from '../maths/runs';
 import { deviation, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
-import { failure, useJson, useJsons, valueOf } from '../state/resource';
+import { failure, useJsons, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
 import { useTraining } from '../state/training';
@@ -261,13 +261,6 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
   );
 }
 
-interface Row {
-  key: string;
-  /** One per chosen run. */
-  values: readonly (string | null)[];
-  differs?: boolean;
-}
-
 interface RunFile {
   run: string;
   host: string;
@@ -298,17 +291,13 @@ function Path({ path }: { path: string }): JSX.Element {
 }
 
 function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
-  const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)));
+  const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)), selected.map((run) => run.state).join());
   const evaluations = useJsons<{ evaluations: Evaluation[] }>(selected.map((run) => runPath(run.id, '/evaluations')));
-  const comparison = useJson<Comparison>(
-    `api/compare?${new URLSearchParams({ all: '1', runs: selected.map((run) => run.id).join('\n') }).toString()}`,
-    selected.map((run) => run.state).join(),
-  );
-  const rows = valueOf(comparison)?.config ?? [];
+  const manifests = [...details.values()].map((detail) => valueOf(detail)?.manifest ?? null);
+  const rows = compareManifests(manifests);
   const differing = rows.filter((row) => row.differs);
-  const files = selected.flatMap((run): RunFile[] => {
-    const detail = details.get(runPath(run.id));
-    const artefacts = artefactsOf((detail && valueOf(detail)?.manifest) ?? null);
+  const files = selected.flatMap((run, i): RunFile[] => {
+    const artefacts = artefactsOf(manifests[i] ?? null);
     return (artefacts?.paths ?? []).map((path) => ({ run: runName(run), host: artefacts?.host ?? '', path }));
   });
   const last = selected.map((run) => {
@@ -316,11 +305,11 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
     return newest((answer && valueOf(answer)?.evaluations) ?? []);
   });
   const traversals = [...new Set(last.flatMap((one) => [...one.keys()]))];
-  const of = (key: string, value: (run: Run, index: number) => string): Row => {
+  const of = (key: string, value: (run: Run, index: number) => string): Fact => {
     const values = selected.map(value);
     return { key, values, differs: new Set(values).size > 1 };
   };
-  const figures: Row[] = [
+  const figures: Fact[] = [
     of('State', (run) => run.state),
     of('Seed', (run) => String(run.seed ?? '–')),
     of('Updates', (run) => integer(run.updates)),
@@ -336,10 +325,10 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
     ]),
   ].filter(({ values }) => values.some((value) => value !== null && value !== '–'));
   const differingFigures = figures.filter((row) => row.differs);
-  const columns = (label: string, number: boolean): Column<Row>[] => [
+  const columns = (label: string, number: boolean): Column<Fact>[] => [
     { ...text('key', label), key: label.toLowerCase() },
-    ...selected.map((run, i): Column<Row> => {
-      const value = (row: Row): string => row.values[i] ?? '–';
+    ...selected.map((run, i): Column<Fact> => {
+      const value = (row: Fact): string => row.values[i] ?? '–';
       return {
         key: run.id,
         label: runName(run),

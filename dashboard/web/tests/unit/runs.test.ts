@@ -4,7 +4,7 @@ import { backOff } from '../../src/api/live';
 import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
 import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
 import { meanRate, runName, tagsOf } from '../../src/maths/runs';
-import { artefactsOf } from '../../src/maths/manifest';
+import { artefactsOf, compareManifests } from '../../src/maths/manifest';
 import { routePart, sameTraversal, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
 import { toneOf } from '../../src/ui/basics';
@@ -165,4 +165,19 @@ it('traversals of equal contents are two', () => {
   expect(sameTraversal(summer, { ...summer })).toBe(true);
   expect(sameTraversal(summer, { traversal: 'winter', hash: '0a' })).toBe(false);
   expect(sameTraversal(summer, { traversal: 'summer', hash: '0b' })).toBe(false); // other frames
+});
+
+describe('manifests', () => {
+  const one = (rate: number): Manifest => ({ rate, net: { width: 8, layers: [1, 'x'] }, artefacts: { folder: String(rate) } });
+  it('are compared by their leaves', () => {
+    expect(compareManifests([one(0.1), one(0.2)])).toEqual([
+      { key: 'net.layers', values: ['1, x', '1, x'], differs: false },
+      { key: 'net.width', values: ['8', '8'], differs: false },
+      { key: 'rate', values: ['0.1', '0.2'], differs: true },
+    ]);
+    expect(compareManifests([{ a: 1 }, { b: 1 }]).map(({ values, differs }) => [...values, differs])).toEqual([['1', null, true], [null, '1', true]]);
+  });
+  it('that are not known differ in nothing', () => {
+    expect(compareManifests([one(0.1), null]).some(({ differs }) => differs)).toBe(false);
+  });
 });

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <random>
 
+#include "dashboard/store/database.h"
 #include "tests/support/wait.h"
 #include "tests/unit/dashboard/api/api_fixture.h"
 
@@ -356,6 +357,16 @@ TEST_F(ApiTest, ControlsOfLongRoutesAreCheap) {
   for (int max_steps = 1; max_steps <= 1000; ++max_steps)
     ASSERT_EQ(ask({"controls"}, {{"frames", "4096"}, {"max_steps", std::to_string(max_steps)}}).status, 200);
   EXPECT_LT(Clock::now() - begin, seconds(10) * kSlowness);
+}
+
+TEST_F(ApiTest, RunsThatOtherProgramsLoggedOnceAreKeptAndNotShown) {
+  store_.with_database([](SQLite::Database& database) {
+    database.exec("INSERT INTO runs (name, session, started, last, source) VALUES ('p/a', 'p', 1, 2, 'wandb')");
+  });
+  EXPECT_EQ(json({"runs"})["runs"], Json::array());
+  expect_error(404, "run 'p/a' not found", {"runs", "p/a"});
+  store_.with_database(
+      [](SQLite::Database& database) { EXPECT_EQ(database.execAndGet("SELECT COUNT(*) FROM runs").getInt(), 1); });
 }
 
 }  // namespace
