@@ -1,43 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the server sends: docs/reference/dashboard-api.md. Unknown numbers are null, times are seconds since 1970.
+import type rows from '../../../api/rows.json';
 
-export interface Run {
-  id: string;
-  session: string;
-  policy: string | null;
-  seed: number | null;
-  agent: string | null;
-  learner: string | null;
-  state: 'running' | 'ended' | 'lost';
-  started: number | null;
-  last: number | null;
-  updates: number | null;
-  steps: number | null;
-  episodes: number | null;
-  recorded_episodes: number | null;
-  reward: number | null;
-  spl: number | null;
-  wall: number | null;
-  steps_per_second: number | null;
-  /** As people gave them. */
-  tags: string[];
-  note: string;
-}
+/** The type of what a row has by example: [0, null] is a number or null, [""] a list of texts. */
+type Of<V> = V extends readonly (infer U)[] ? (null extends U ? Of<Exclude<U, null>> | null : Of<U>[]) : V extends object ? { [K in keyof V]: Of<V[K]> } : V;
+type Rows = Of<typeof rows>;
+
+export type Run = Rows['run'] & { state: 'running' | 'ended' | 'lost' };
 
 export type Json = null | boolean | number | string | Json[] | { [key: string]: Json };
 export type Manifest = { [key: string]: Json };
 
 /** A traversal as one env_service of a run announced it. */
-export interface RunTraversal {
-  environment: string;
-  dataset: string;
-  traversal: string;
-  condition: string;
-  hash: string;
-  frames: number;
-  agents: number;
-  images: boolean;
-}
+export type RunTraversal = Rows['traversal'];
 
 export interface RunDetail extends Run {
   manifest: Manifest | null;
@@ -52,125 +27,37 @@ export interface TrainingAnswer {
   decimated: boolean;
 }
 
-export interface ControlFigures {
-  spl: number;
-  reward: number;
-  steps: number;
-  completed: number;
-}
 export interface Controls {
-  blind: ControlFigures;
-  shortest_path: ControlFigures;
+  blind: Rows['control'];
+  shortest_path: Rows['control'];
 }
 
-export interface Episode {
-  rowid: number;
-  environment: string;
-  incarnation: number | string;
-  episode: number;
-  agent: number;
-  evaluation: boolean;
-  task: number;
-  traversal: string;
-  policy: string;
-  update: number;
-  shuffled: boolean;
-  start: number;
-  goal: number;
-  steps: number;
-  shortest: number;
-  reward: number;
-  completed: boolean;
-  spl: number;
-  recorded: number;
-}
+export type Episode = Rows['episode'];
 export interface EpisodeDetail extends Episode {
   positions: number[] | null;
   hash: string | null;
 }
 
-export interface Evaluation {
-  policy: string;
-  update: number;
-  shuffled: boolean;
-  traversal: string;
-  tasks: number;
-  completed: number;
-  failed: number;
-  spl: number;
-  spl_low: number;
-  spl_high: number;
-  reward: number;
-  mean_steps: number;
-  shortest_mean: number;
-  excess: number | null;
-}
+export type Evaluation = Rows['evaluation'];
 
-export type ServiceState = 'starting' | 'waiting' | 'running' | 'stopping' | 'failed' | 'stopped' | 'lost';
-export interface Service {
-  id: string;
-  service: string;
-  session: string;
-  host: string;
-  process: number;
-  middleware: string;
-  incarnation: number | string;
-  state: ServiceState;
-  activity: string;
-  uptime: number | null;
-  rate: number | null;
-  age: number | null;
-  /** Processors kept busy since the heartbeat before. */
-  processors: number | null;
-  /** Bytes, resident. */
-  memory: number | null;
-  sent_bytes: number | null;
-  received_bytes: number | null;
-  received: number | null;
-  repeated: number | null;
-  resent: number | null;
-  rejected: number | null;
-  foreign: number | null;
-  /** A fault that lasts until somebody acts; empty when there is none. */
-  alarm: string;
-  since: number | null;
-}
+export type Service = Rows['service'] & { state: 'starting' | 'waiting' | 'running' | 'stopping' | 'failed' | 'stopped' | 'lost' };
 export interface Services {
   now: number;
   services: Service[];
 }
 
-export type EventKind = 'started' | 'stopped' | 'lost' | 'back' | 'restarted' | 'failed' | 'run' | 'alarm';
-export interface ServiceEvent {
-  time: number;
-  session: string;
-  service: string;
-  kind: EventKind;
-  text: string;
-}
+export type ServiceEvent = Rows['event'] & { kind: 'started' | 'stopped' | 'lost' | 'back' | 'restarted' | 'failed' | 'run' | 'alarm' | 'recording' };
 
-export interface TraversalMap {
-  hash: string;
-  frames: number;
-  position: (number | null)[];
-  latitude: (number | null)[] | null;
-  longitude: (number | null)[] | null;
-}
+export type TraversalMap = Rows['map'];
 
-/** One row of what `citylearn vpr` wrote (results.json). */
+/** What is shown of a row of what `citylearn vpr` wrote (results.json). */
 export interface RecognitionRow {
   encoder: string;
-  name: string;
   dimension: number;
-  pca: boolean;
   centring: string;
-  whitening: number;
   method: string;
   query: string;
-  condition: string;
-  references: number;
   queries: number;
-  tolerance: number;
   recall_1: number | null;
   recall_1_interval: [number, number];
   recall_5: number | null;
@@ -178,18 +65,12 @@ export interface RecognitionRow {
   auc: number;
   auc_interval: [number, number];
   recall_at_full_precision: number;
-  encode_seconds: number;
-  seconds: number;
 }
 export interface Recognition {
   name: string;
-  file: string;
-  program?: string;
   command?: string;
-  dataset?: string;
   reference?: string;
   ground_truth?: string;
-  measure?: string;
   rows?: RecognitionRow[];
   /** Files with similarities, for GET .../matrix?file=. */
   matrices?: string[];
@@ -209,22 +90,10 @@ export interface RecognitionCurve {
   precision: number[];
 }
 
-export interface About {
-  version: string;
-  vendor: string;
-  session: string;
-  domain: number;
-  store: { file: string; bytes: number; episodes: number };
-  recording: boolean;
-}
+export type About = Rows['about'];
 
 /** How far a run is: values of all axes of its curves. `wall` is in seconds of training. */
-export interface RunMoment {
-  update: number;
-  steps: number;
-  episodes: number;
-  wall: number;
-}
+export type RunMoment = Rows['moment'];
 /** The first and the last moment of a run that a recording has. */
 export interface MomentSpan {
   first: RunMoment;

@@ -13,6 +13,7 @@
 #include "tests/support/files.h"
 #include "tests/support/records/records.h"
 #include "tests/support/text.h"
+#include "tests/unit/dashboard/api/rows.h"
 
 namespace citylearn::testing {
 
@@ -79,12 +80,6 @@ class ApiTest : public ::testing::Test {
     EXPECT_TRUE(contains(Json::parse(answer.body).value("error", ""), naming));
   }
 };
-
-inline std::vector<std::string> keys(const Json& json) {
-  std::vector<std::string> names;
-  for (const auto& [name, value] : json.items()) names.push_back(name);
-  return names;
-}
 
 inline std::vector<std::string> sorted(std::vector<std::string> names) {
   std::sort(names.begin(), names.end());
