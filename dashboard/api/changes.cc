@@ -2,7 +2,6 @@
 // What a client may change: what people write about a run, and how a recording is played.
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "core/files/json.h"
 #include "core/util/text.h"
@@ -58,16 +57,7 @@ std::vector<std::string> tags_of(const Json& json) {
   return tags;
 }
 
-std::optional<std::string> note_of(const Json& object) {
-  return text_member(object, "note", kLongestNote, Lines::kAny);
-}
-
 double number_of(const Json& json) { return json.is_number() ? json.get<double>() : std::nan(""); }
-
-/// Returns the line of a member; empty where it is missing.
-std::string line_of(const Json& object, const char* name, std::size_t longest) {
-  return text_member(object, name, longest).value_or("");
-}
 
 Json speed_json(double speed) { return speed == 0 ? Json("max") : Json(speed); }
 
@@ -81,7 +71,7 @@ double speed_of(const Json& json) {
 
 Moment moment_of(const Json& json) {
   const RequestError wrong(400, "'moment' must be the 'run' and one number from 0 on: " + joined(moment_axes()));
-  const std::string run = line_of(json, "run", kLongestRun);
+  const std::string run = text_member(json, "run", kLongestRun).value_or("");
   if (run.empty() || json.size() != 2) throw wrong;
   for (const std::string& axis : moment_axes())
     if (json.contains(axis) && number_of(json[axis]) >= 0) return {run, axis, number_of(json[axis])};
@@ -153,7 +143,7 @@ Answer Api::annotate(const std::string& name, const Query& query) {
   const Json wanted = object_of(query, {"tags", "note"});
   std::optional<std::vector<std::string>> tags;
   if (wanted.contains("tags")) tags = tags_of(wanted["tags"]);
-  const auto note = note_of(wanted);
+  const auto note = text_member(wanted, "note", kLongestNote, Lines::kAny);
   if (!store_.annotate(name, tags, note)) not_found("run '" + name + "' not found (GET /api/runs lists them)");
   std::optional<RunRow> row;
   {

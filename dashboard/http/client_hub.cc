@@ -6,9 +6,23 @@
 
 #include "core/util/error.h"
 #include "dashboard/http/answer.h"
-#include "dashboard/http/frame.h"
 
 namespace citylearn {
+namespace {
+
+/// Returns how a frame begins (docs/reference/dashboard-api.md, "WebSocket"): the header's length in 4 bytes,
+/// little-endian, the header, and spaces up to where the payload begins, at a multiple of 8.
+std::string frame_head(const std::string& json) {
+  const std::size_t length = (json.size() + 4 + 7) / 8 * 8 - 4;
+  std::string head;
+  head.reserve(length + 4);
+  for (int byte = 0; byte < 4; ++byte) head += static_cast<char>(length >> (8 * byte) & 0xFF);
+  head += json;
+  head.resize(length + 4, ' ');
+  return head;
+}
+
+}  // namespace
 
 struct ClientHub::Message {
   std::string fields;  // of the header, as JSON without braces: what is the same for every client

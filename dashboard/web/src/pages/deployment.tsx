@@ -11,7 +11,7 @@ import { playing } from '../state/playback';
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { seriesColour } from '../state/theme';
-import { Card, Empty, Select, Show, State, toneOf } from '../ui/basics';
+import { Card, Empty, Select, Show, State } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Choice, chosen, KIND, type ChoiceOf } from '../ui/choice';
 import { CompletedBar, Heat, Whisker } from '../ui/marks';
@@ -19,7 +19,7 @@ import { MomentBar } from '../ui/moment_bar';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
-import { Replay } from './replay';
+import { OUTCOME, Replay, TASK } from './replay';
 
 const ORDER: ChoiceOf<'worst' | 'newest'> = { name: 'order', label: 'Order', values: { worst: 'Worst first', newest: 'Newest first' } };
 const GOAL: ChoiceOf<'all' | 'reached' | 'missed'> = { name: 'goal', label: 'Goal', values: { all: 'All', reached: 'Reached', missed: 'Missed' } };
@@ -206,7 +206,6 @@ function Episodes({ run, evaluations, fresh, seen }: {
   const episodes = useJson<{ episodes: Episode[]; total: number }>(runPath(run.id, `/episodes?${query.toString()}`), fresh);
   const replayed = Number(param('episode', '0'));
   const taskOf = (e: Episode): string => (e.evaluation ? `Task ${e.task}` : `Episode ${e.episode}`);
-  const goalOf = (e: Episode): string => (e.completed ? 'reached' : 'missed');
   const columns: Column<Episode>[] = [
     {
       key: 'replay',
@@ -220,13 +219,9 @@ function Episodes({ run, evaluations, fresh, seen }: {
     },
     text('traversal', 'Traversal'),
     { key: 'policy', label: 'Policy', cell: evaluationName },
-    { ...text('completed', 'Goal'), show: (e) => <b class={toneOf(goalOf(e))}>{goalOf(e)}</b> },
-    figure('spl', 'SPL', threeDecimals),
-    figure('steps', 'Steps', integer),
-    figure('shortest', 'Shortest', integer),
+    ...OUTCOME,
     figure('reward', 'Reward', threeDecimals),
-    figure('start', 'Start', integer),
-    figure('goal', 'Goal frame', integer),
+    ...TASK,
     { ...text('environment', 'Environment'), show: (e) => `${e.environment}, agent ${e.agent}` },
     { ...text('recorded', 'Recorded'), show: (e) => dateTime(e.recorded) },
   ];

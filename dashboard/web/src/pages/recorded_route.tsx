@@ -10,14 +10,14 @@ import { curveAxis, cursorAt, moved, setCursor, useEpisodesUntil, useMoment, typ
 import { playback, spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
-import { Card, Empty, Show, Tick, toneOf } from '../ui/basics';
+import { Card, Empty, Show, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, KIND, type ChoiceOf } from '../ui/choice';
 import { MomentBar } from '../ui/moment_bar';
 import { Pictures } from '../ui/picture';
 import { RouteMap } from '../ui/route_map';
-import { figure, TableCard, text, type Column } from '../ui/table';
-import { describe, NotKept, Player } from './replay';
+import { TableCard, text, type Column } from '../ui/table';
+import { describe, NotKept, OUTCOME, Player, TASK } from './replay';
 
 interface RecordedProps {
   run: Run;
@@ -169,12 +169,8 @@ function Episodes({ list, chosen: rowid, kind, name }: {
     // In training it is that of the run, and what acts changes within an episode.
     ...(kind === 'evaluation' ? [{ key: 'policy', label: 'Policy', cell: evaluationName }] : []),
     text('agent', 'Agent'),
-    { ...text('completed', 'Goal'), show: (e) => <b class={toneOf(e.completed ? 'reached' : 'missed')}>{e.completed ? 'reached' : 'missed'}</b> },
-    figure('spl', 'SPL', threeDecimals),
-    figure('steps', 'Steps', integer),
-    figure('shortest', 'Shortest', integer),
-    figure('start', 'Start', integer),
-    figure('goal', 'Goal frame', integer),
+    ...OUTCOME,
+    ...TASK,
   ];
   return (
     <TableCard

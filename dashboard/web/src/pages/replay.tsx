@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
-import type { EpisodeDetail, RunDetail, TraversalMap } from '../api/types';
+import type { Episode, EpisodeDetail, RunDetail, TraversalMap } from '../api/types';
 import type { Line } from '../maths/curves';
 import { evaluationName } from '../maths/evaluations';
-import { fixed, integer } from '../maths/format';
+import { fixed, integer, threeDecimals } from '../maths/format';
 import { manifestNumber } from '../maths/manifest';
 import { sameTraversal } from '../maths/scene';
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
-import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
+import { Card, Empty, IconButton, Select, Show, toneOf } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Pictures, SiblingSelect } from '../ui/picture';
 import { RouteLegend, RouteMap } from '../ui/route_map';
+import { figure, text, type Column } from '../ui/table';
 
 /** Plays one recorded episode step by step. One that somebody has chosen is `focused`. */
 export function Replay({ rowid, detail, focused }: { rowid: number; detail: Resource<RunDetail>; focused: boolean }): JSX.Element {
@@ -63,6 +64,19 @@ export function describe(one: EpisodeDetail): string {
   const end = one.completed ? `goal reached in ${one.steps} steps, shortest ${one.shortest}` : `goal missed in ${one.steps} steps`;
   return `${evaluationName(one)} on ${one.traversal}, ${what} · ${end} · SPL ${fixed(one.spl, 3)}`;
 }
+
+/** Returns how an episode ended. */
+const goalOf = (one: Episode): string => (one.completed ? 'reached' : 'missed');
+
+/** Columns of what an episode came to. */
+export const OUTCOME: Column<Episode>[] = [
+  { ...text('completed', 'Goal'), show: (one) => <b class={toneOf(goalOf(one))}>{goalOf(one)}</b> },
+  figure('spl', 'SPL', threeDecimals),
+  figure('steps', 'Steps', integer),
+  figure('shortest', 'Shortest', integer),
+];
+/** Columns of its task. */
+export const TASK: Column<Episode>[] = [figure('start', 'Start', integer), figure('goal', 'Goal frame', integer)];
 
 const SPEEDS = ['2', '5', '10', '20', '50'] as const;
 
