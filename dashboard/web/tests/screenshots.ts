@@ -5,6 +5,7 @@ import { chromium } from 'playwright-core';
 import type { Run } from '../src/api/types';
 import { ARGS, executable, PAGES } from './chromium';
 import { startCity } from './e2e/city';
+import { api } from './e2e/programs';
 
 // npm run screenshots [-- FOLDER [WIDTHxHEIGHT ...]]: a picture of each page, light and dark. CITYLEARN_DASHBOARD is the address of the
 // dashboard that they are taken of; without it, one with the services of the tests.
@@ -14,7 +15,7 @@ const MOST = 300_000; // bytes of a picture
 const started = process.env.CITYLEARN_DASHBOARD ? null : await startCity();
 const url = started?.city.url ?? new URL('/', process.env.CITYLEARN_DASHBOARD).href;
 // Of several seeds, where there are.
-const { runs } = (await (await fetch(`${url}api/runs`)).json()) as { runs: Run[] };
+const { runs } = await api<{ runs: Run[] }>(url, 'runs');
 const ended = runs.filter(({ state }) => state === 'ended').sort((a, b) => (b.seed ?? 0) - (a.seed ?? 0))[0] ?? runs[0];
 const run = ended && encodeURIComponent(ended.id);
 const places: Partial<Record<(typeof PAGES)[number], string>> = run ? { training: `training?runs=${run}`, deployment: `deployment?run=${run}` } : {};

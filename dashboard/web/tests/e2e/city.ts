@@ -6,7 +6,7 @@ import { chromium } from 'playwright-core';
 import type { TestProject } from 'vitest/node';
 import type { Run } from '../../src/api/types';
 import { ARGS, executable } from '../chromium';
-import { PAGE, Program, startDashboard, type Dashboard, type Options } from './programs';
+import { api, eventually, PAGE, Program, startDashboard, type Options } from './programs';
 
 /** What all specs share: a browser, and a dashboard with trainings that have ended and one that goes on. */
 export interface City {
@@ -27,17 +27,6 @@ declare module 'vitest' {
 
 const DEADLINE = 120_000; // milliseconds; a sanitizer makes programs slow
 const FRAMES = '0:24';
-
-/** Waits until the dashboard's runs are as they should be. */
-async function runs({ url }: Dashboard, right: (runs: Run[]) => boolean): Promise<void> {
-  const end = Date.now() + DEADLINE;
-  for (;;) {
-    const { runs: list } = (await (await fetch(`${url}api/runs`)).json()) as { runs: Run[] };
-    if (right(list)) return;
-    if (Date.now() > end) throw new Error(`the runs are not there after ${DEADLINE} ms; ${JSON.stringify(list)}`);
-    await new Promise((done) => setTimeout(done, 50));
-  }
-}
 
 /** Lets a program run a tenth of the time, so that the browser has the processors. Returns how that ends. */
 function slowed(program: Program): () => void {
@@ -88,7 +77,8 @@ export async function startCity(): Promise<{ city: City; stop: () => Promise<voi
     await start('policy_service', 'spare', { ...evaluated, id: 'spare', steps: 1000, 'ppo-gamma': 0.95, output: join(folder, 'spare') }).ended();
     await vpr.ended();
     const live = start('policy_service', 'live', { ...policy, id: 'live', evaluate: 'summer', threads: 1, steps: 1_000_000_000, output: join(folder, 'live') });
-    await runs(dashboard, (list) => list.filter(({ state }) => state === 'ended').length === 4 && list.some(({ state, updates }) => state === 'running' && (updates ?? 0) > 3));
+    const there = ({ runs }: { runs: Run[] }): boolean => runs.filter(({ state }) => state === 'ended').length === 4 && runs.some(({ state, updates }) => state === 'running' && (updates ?? 0) > 3);
+    await eventually(() => api<{ runs: Run[] }>(dashboard.url, 'runs'), there, DEADLINE);
     hurry = slowed(live);
     const server = await browser;
     return {

@@ -2,7 +2,7 @@
 import { beforeAll, describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
 import type { Episode, Run } from '../../src/api/types';
-import { api, between, eventually, Stage, wider } from './stage';
+import { api, between, eventually, saved, Stage, wider } from './stage';
 
 // Services and files may say anything. On each page, every text of theirs must stay a text.
 
@@ -96,10 +96,8 @@ describe.each(TEXTS)('names and texts of %s', (_, mark) => {
       await expect.poll(() => page.title()).toMatch(/^[\w ]+ – CityLearn-DDS$/);
     }
     for (const title of ['groups', 'manifests']) {
-      const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('button', { name: `Download ${title} as CSV` }).click()]);
-      expect(download.suggestedFilename()).toBe(`${title}.csv`);
-      let text = '';
-      for await (const part of await download.createReadStream()) text += String(part);
+      const [name, text] = await saved(page, `Download ${title} as CSV`);
+      expect(name).toBe(`${title}.csv`);
       expect(text).toContain(mark.replaceAll('"', '""'));
       expect(text).not.toMatch(/(^|,)"?=/m);
     }

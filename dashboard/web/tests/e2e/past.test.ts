@@ -6,7 +6,7 @@ import type { Page } from 'playwright-core';
 import { beforeAll, describe, expect, inject, it } from 'vitest';
 import type { Evaluation, Run, RunDetail } from '../../src/api/types';
 import { Program, startDashboard, type Options } from './programs';
-import { api, eventually, Stage, violations, wider } from './stage';
+import { api, curve, eventually, hashOf, Stage, violations, wider } from './stage';
 
 // A run whose services are gone, before a dashboard that was killed while it stored the route.
 
@@ -59,7 +59,6 @@ beforeAll(async () => {
 }, 300_000);
 
 const frames = (page: Page): Promise<string[]> => page.locator('.picture figcaption .number').allInnerTexts();
-const hash = (page: Page): string => new URL(page.url()).hash.slice(2);
 const link = (name: string, params = ''): string => `${name}?${name === 'training' ? 'runs' : 'run'}=${encodeURIComponent(run.id)}${params}`;
 
 /** Waits until each picture that is shown is of the step's frame. Returns the frame. */
@@ -116,13 +115,12 @@ describe('a past run', () => {
 describe('the time cursor', () => {
   it('marks a moment in all curves, and the route, the replay and a link show it', async () => {
     const { page, complaints } = await stage.page(link('training'));
-    const curve = (name: RegExp): Promise<string> => page.getByRole('img', { name }).getAttribute('aria-label').then(String);
     await page.getByRole('img', { name: /^SPL/ }).locator('.u-over').click({ position: { x: 150, y: 80 } });
     await page.waitForFunction(() => /[?&]at=\d+/.test(location.hash));
-    const at = Number(new URLSearchParams(hash(page).split('?')[1]).get('at'));
+    const at = Number(new URLSearchParams(hashOf(page).split('?')[1]).get('at'));
     expect(at).toBeGreaterThan(0);
     expect(at).toBeLessThan(run.steps ?? 0);
-    for (const name of [/^Reward/, /^SPL/, /^Entropy/]) await eventually(() => curve(name), (label) => /; at [\d.]+k?: .*: −?\d/.test(label));
+    for (const name of [/^Reward/, /^SPL/, /^Entropy/]) await eventually(() => curve(page, name), (label) => /; at [\d.]+k?: .*: −?\d/.test(label));
     const moment = page.getByRole('group', { name: 'Moment', exact: true });
     const said = await moment.locator('.hint').innerText();
     const episodes = Number(/([\d,]+) episodes/.exec(said)?.[1]?.replace(',', ''));
@@ -140,7 +138,7 @@ describe('the time cursor', () => {
 
     // The address shows the same elsewhere.
     await page.waitForFunction(() => location.hash.includes('step='));
-    const { page: other } = await stage.page(hash(page));
+    const { page: other } = await stage.page(hashOf(page));
     expect(await pictured(other)).toBe(frame);
     await expect.poll(() => other.getByRole('group', { name: 'Moment', exact: true }).locator('.hint').innerText()).toBe(said);
 

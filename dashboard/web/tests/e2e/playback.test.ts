@@ -4,7 +4,7 @@ import type { Page } from 'playwright-core';
 import { describe, expect, inject, it } from 'vitest';
 import type { MomentSpan, PlaybackAnswer, Run } from '../../src/api/types';
 import { Program, startDashboard } from './programs';
-import { api, eventually, Stage, violations, wider } from './stage';
+import { api, curve, eventually, hashOf, Stage, violations, wider } from './stage';
 
 // A recording of the city, opened by a dashboard of its own.
 
@@ -116,8 +116,7 @@ describe('the time cursor in a recording', () => {
   const state = (): Promise<PlaybackAnswer> => api<PlaybackAnswer>(stage.url, 'playback');
   const steer = (change: object): Promise<Response> => fetch(`${stage.url}api/playback`, { method: 'PATCH', body: JSON.stringify(change) });
   const moment = (page: Page) => page.getByRole('group', { name: 'Moment', exact: true });
-  const at = (page: Page): string | null => new URLSearchParams(new URL(page.url()).hash.split('?')[1]).get('at');
-  const curve = (page: Page, name: RegExp): Promise<string> => page.getByRole('img', { name }).getAttribute('aria-label').then(String);
+  const at = (page: Page): string | null => new URLSearchParams(hashOf(page).split('?')[1]).get('at');
   const link = (page: string, id: string, point: number | string, more = ''): string => `${page}?${page === 'training' ? 'runs' : 'run'}=${encodeURIComponent(id)}&at=${point}${more}`;
 
   /** Returns the run of the recording that has the most updates, and its ends. */

@@ -80,3 +80,19 @@ export async function startDashboard(options: Options, folder: string, { name = 
   const link = await program.says(/http:\S+(?=\s)/);
   return { program, link, url: new URL('/', link).href };
 }
+
+/** Returns an answer of the dashboard's API. */
+export async function api<T>(url: string, path: string): Promise<T> {
+  return (await (await fetch(`${url}api/${path}`)).json()) as T;
+}
+
+/** Repeats a call until its result satisfies the condition, for at most a minute. */
+export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 60_000): Promise<T> {
+  const end = Date.now() + limit;
+  for (;;) {
+    const value = await what();
+    if (satisfies(value)) return value;
+    if (Date.now() > end) throw new Error(`not within ${limit} ms; last: ${JSON.stringify(value)}`);
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+}

@@ -8,6 +8,8 @@ import { afterAll, afterEach, beforeAll, inject } from 'vitest';
 import { parseFrame } from '../../src/api/frame';
 import { startDashboard, type Dashboard, type Options } from './programs';
 
+export { api, eventually } from './programs';
+
 export interface Opened {
   page: Page;
   /** Console messages of level error or warning, failed scripts, violations of the CSP. */
@@ -90,7 +92,7 @@ export class Stage {
   }
 }
 
-/** A message of the dashboard: JSON of the API, or the header and the payload of a frame. */
+/** A frame of the WebSocket. */
 interface Message {
   header: Record<string, unknown>;
   payload: Uint8Array | Buffer;
@@ -144,17 +146,6 @@ export async function between(page: Page, told: (json: unknown) => unknown, aske
 /** Returns how far a page is wider than its window. */
 export const wider = (page: Page): Promise<number> => page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
 
-/** Repeats a call until its result satisfies the condition, for at most a minute. */
-export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 60_000): Promise<T> {
-  const end = Date.now() + limit;
-  for (;;) {
-    const value = await what();
-    if (satisfies(value)) return value;
-    if (Date.now() > end) throw new Error(`not within ${limit} ms; last: ${JSON.stringify(value)}`);
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
-}
-
 /** Returns what axe finds wrong with an open page, one line per rule. */
 export async function violations(page: Page): Promise<string[]> {
   const source = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
@@ -170,7 +161,26 @@ export async function violations(page: Page): Promise<string[]> {
   });
 }
 
-/** Returns an answer of the dashboard's API. */
-export async function api<T>(url: string, path: string): Promise<T> {
-  return (await (await fetch(`${url}api/${path}`)).json()) as T;
+/** Returns what a chart says of its lines. */
+export const curve = (page: Page, name: RegExp): Promise<string> => page.getByRole('img', { name }).getAttribute('aria-label').then(String);
+
+/** Returns the page of the address, with its parameters. */
+export const hashOf = (page: Page): string => new URL(page.url()).hash.slice(2);
+
+/** Drags over a part of the curve of the reward, from its left edge on. */
+export async function zoom(page: Page, from: number, to: number): Promise<void> {
+  const box = await page.locator('section[aria-label="Reward"] .u-over').boundingBox();
+  if (!box) throw new Error('no plot');
+  await page.mouse.move(box.x + from, box.y + 60);
+  await page.mouse.down();
+  await page.mouse.move(box.x + to, box.y + 60, { steps: 4 });
+  await page.mouse.up();
+}
+
+/** Returns the name and the text of the file that a button saves. */
+export async function saved(page: Page, button: string): Promise<[name: string, text: string]> {
+  const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('button', { name: button }).click()]);
+  let text = '';
+  for await (const part of await download.createReadStream()) text += String(part);
+  return [download.suggestedFilename(), text];
 }

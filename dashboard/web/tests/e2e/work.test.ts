@@ -4,7 +4,7 @@ import { beforeAll, describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
 import type { Episode, Evaluation, Run, TrainingAnswer } from '../../src/api/types';
 import { fixed } from '../../src/maths/format';
-import { api, eventually, Stage, violations } from './stage';
+import { api, curve, eventually, hashOf, saved, Stage, violations, zoom } from './stage';
 
 const stage = Stage.ofCity();
 
@@ -15,8 +15,6 @@ beforeAll(async () => {
 });
 const idOf = (policy: string): string => encodeURIComponent(runs.find((run) => run.policy === policy)?.id ?? '');
 
-const curve = (page: Page, name: RegExp): Promise<string | null> => page.getByRole('img', { name }).getAttribute('aria-label');
-
 /** Cells of a line of CSV without quotes in them. */
 const cells = (line = ''): string[] => [...line.matchAll(/(?:^|,)(?:"([^"]*)"|([^,]*))/g)].map((match) => match[1] ?? match[2] ?? '');
 
@@ -26,16 +24,8 @@ describe('training', () => {
 
   it('the mean of the seeds stays the same when a seed is hidden', async () => {
     const { page } = await stage.page(ended());
-    const mean = await eventually(() => curve(page, /^SPL/), (label) => label?.includes('mean of 3: last 0.') ?? false);
-    const csv = async (): Promise<string[]> => {
-      const [download] = await Promise.all([
-        page.waitForEvent('download'),
-        page.getByRole('button', { name: 'Download SPL as CSV' }).click(),
-      ]);
-      let text = '';
-      for await (const part of await download.createReadStream()) text += String(part);
-      return text.trim().split('\r\n');
-    };
+    const mean = await eventually(() => curve(page, /^SPL/), (label) => label.includes('mean of 3: last 0.'));
+    const csv = async (): Promise<string[]> => (await saved(page, 'Download SPL as CSV'))[1].trim().split('\r\n');
     const before = await csv();
     await page.getByRole('checkbox', { name: /^seed 3/ }).click();
     await page.waitForFunction(() => location.hash.includes('hide='));
@@ -73,7 +63,7 @@ describe('training', () => {
   });
 
   it('fetches the figures that the store got after it was asked', async () => {
-    const figures = (page: Page): Promise<string> => curve(page, /^Entropy/).then(String);
+    const figures = (page: Page): Promise<string> => curve(page, /^Entropy/);
     const whole = (text: string): boolean => text.includes('mean of 3: last');
     const { page: before } = await stage.page(ended());
     const newest = await eventually(() => figures(before), whole);
@@ -99,12 +89,7 @@ describe('training', () => {
     });
     await page.goto(`${stage.url}#/training?runs=${idOf('policy')}`);
     await page.waitForSelector('.uplot');
-    const box = await page.locator('section[aria-label="Reward"] .u-over').boundingBox();
-    if (!box) throw new Error('no plot');
-    await page.mouse.move(box.x + 100, box.y + 60);
-    await page.mouse.down();
-    await page.mouse.move(box.x + 140, box.y + 60, { steps: 4 });
-    await page.mouse.up();
+    await zoom(page, 100, 140);
     await eventually(() => Promise.resolve(asked.filter((one) => one.includes('from='))), (parts) => parts.length > 0);
     await page.getByRole('button', { name: 'Whole range' }).first().click();
   });
@@ -202,7 +187,7 @@ describe('compare', () => {
     await eventually(() => rows.count(), (now) => now === 1);
     // The address shows the same elsewhere, and the server has it.
     await page.waitForFunction(() => location.hash.includes('tag=short'));
-    const { page: other } = await stage.page(new URL(page.url()).hash.slice(2));
+    const { page: other } = await stage.page(hashOf(page));
     const there = other.locator('section[aria-label="Runs"] tbody tr');
     await eventually(() => there.count(), (now) => now === 1);
     await expect.poll(() => there.locator('.run-note').innerText()).toBe('gamma 0.95,\ntoo few steps');
@@ -252,25 +237,18 @@ describe('compare', () => {
 });
 
 describe('a link', () => {
-  const hash = (page: Page): string => new URL(page.url()).hash.slice(2);
-
   it('shows the same curves: runs, axis, smoothing and the part in sight', async () => {
     const { page } = await stage.page('training');
     await page.waitForFunction(() => location.hash.includes('runs='));
     await page.goto(`${stage.url}#/training?runs=${idOf('policy')}`);
     await page.getByRole('radio', { name: 'Episodes' }).check({ force: true });
     await page.getByRole('slider', { name: /Smoothing/ }).fill('0.5');
-    const box = await page.locator('section[aria-label="Reward"] .u-over').boundingBox();
-    if (!box) throw new Error('no plot');
-    await page.mouse.move(box.x + 60, box.y + 60);
-    await page.mouse.down();
-    await page.mouse.move(box.x + 160, box.y + 60, { steps: 4 });
-    await page.mouse.up();
+    await zoom(page, 60, 160);
     await page.waitForFunction(() => /from=.*to=/.test(location.hash));
     await page.getByRole('button', { name: 'Reward as a table' }).click();
     const rows = 'section[aria-label="Reward"] table';
     const seen = await page.locator(rows).innerText();
-    const { page: other } = await stage.page(hash(page));
+    const { page: other } = await stage.page(hashOf(page));
     await other.getByRole('button', { name: 'Reward as a table' }).click();
     await eventually(() => other.locator(rows).innerText(), (text) => text === seen);
     await expect.poll(() => other.getByRole('slider', { name: /Smoothing/ }).inputValue()).toBe('0.5');
@@ -284,7 +262,7 @@ describe('a link', () => {
     await page.keyboard.press('ArrowRight');
     await page.getByLabel('Steps per second').selectOption('50');
     await page.waitForFunction(() => /step=2&.*speed=50/.test(location.hash));
-    const { page: other } = await stage.page(hash(page));
+    const { page: other } = await stage.page(hashOf(page));
     const output = other.locator('.transport output');
     await output.waitFor();
     const step = await page.locator('.transport output').innerText();
