@@ -111,7 +111,7 @@ ExportedPolicy::ExportedPolicy(const std::string& path) : model(read_model_file(
   frames = number("frames");
   first_frame = number("first_frame");
   if (!file.metadata.contains("agent") || frames < 2 || !inputs.contains("goal") || !inputs.contains("state"))
-    throw Error("is not an agent that policy_service --mode export wrote", path, "one that takes features");
+    throw Error("is not an agent that citylearn export wrote", path, "one that takes features");
   name = file.metadata.at("agent");
   features = inputs.contains("features") ? inputs.at("features") : 0;
 }

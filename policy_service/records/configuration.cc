@@ -18,7 +18,7 @@ constexpr std::size_t kWidestValue = 32;  // longer ones, such as paths, push th
 
 constexpr std::size_t kListWidth = 100;  // columns
 
-const std::set<std::string> kPrinting = {"--list", "--recommended-agents", "--show-config"};
+const std::set<std::string> kPrinting = {"--list", "--show-config"};
 
 /// The parameters of one plug-in.
 struct PluginParameters {

@@ -68,8 +68,7 @@ struct PolicyServiceOptions : TrainerOptions {
   /// What the command line says, option_values(). checked_options() makes it effective_configuration(), for
   /// manifest.json.
   std::vector<OptionValue> configuration;
-  std::vector<std::string> command;       ///< the words of the whole command line, for manifest.json
-  std::vector<std::string> demo_command;  ///< the arguments of the command `demo` if it started this, likewise
+  std::vector<std::string> command;  ///< the words of the whole command line, for manifest.json
 };
 
 }  // namespace citylearn

@@ -132,7 +132,6 @@ Json manifest_json(const PolicyServiceOptions& options,
   std::error_code none;
   if (!options.command.empty())
     manifest["command"] = {{"words", options.command}, {"folder", std::filesystem::current_path(none).string()}};
-  if (!options.demo_command.empty()) manifest["demo"] = options.demo_command;
   if (!options.rendezvous.empty()) {
     manifest["rank"] = options.rank;
     manifest["ranks"] = options.ranks;

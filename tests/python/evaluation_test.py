@@ -42,8 +42,8 @@ class Evaluation(unittest.TestCase):
         cls.checkpoint = next(Path(temporary.name, "run/checkpoints").glob("checkpoint-*.clk"))
         cls.policy = citylearn.load_policy(cls.checkpoint)
         cls.model = f"{temporary.name}/agent.onnx"
-        subprocess.run([BUILD / "policy_service/policy_service", "--mode=export", f"--checkpoint={cls.checkpoint}",
-                        f"--output={cls.model}", "--log-level=warn"], check=True, timeout=100)
+        subprocess.run([BUILD / "tools/export/citylearn_export", f"--checkpoint={cls.checkpoint}", f"--output={cls.model}"],
+                       check=True, stderr=subprocess.DEVNULL, timeout=100)
 
     def same(self, score, expected):
         for name in ("tasks", "completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"):

@@ -140,11 +140,10 @@ demo, are added to its own. Its results go to a new folder."
   fi
   [ -n "$folder" ] || fail "again: name the folder of a demo's run, as $COMMAND again runs/20260101-120000"
   shift
-  prepare policy
-  local before=() words; words=$(mktemp)
-  "$(program policy)" --print-demo-command "$folder" >"$words" || { rm -f "$words"; exit 1; }
+  local before=() words=$folder/demo.words
+  [ -e "$words" ] || words=$folder/../demo.words   # of one of its seeds
+  [ -e "$words" ] || fail "again: '$folder': is no folder of a demo's run (there is no demo.words)"
   mapfile -d '' -t before <"$words"
-  rm -f "$words"
   set -- "${before[@]}" --output= "$@"
   say "$COMMAND demo $(printf '%q ' "$@")"
   demo "$@"
@@ -152,7 +151,7 @@ demo, are added to its own. Its results go to a new folder."
 
 absolute_list() { tr , '\n' <<<"$1" | xargs -d '\n' realpath -ms | paste -sd ,; }
 
-# Prints the demo's words $@ for manifest.json, each with a null byte behind it: `again` repeats them, in any folder.
+# Prints the demo's words $@ for the file demo.words, each with a null byte behind it: `again` repeats them, in any folder.
 repeatable() {
   local word option=''
   [ $# -gt 0 ] || set -- --output=   # which is the default
@@ -252,7 +251,9 @@ demo() {
   [ -n "$train" ] || train=$(grep -x summer <<<"$known" || head -n 1 <<<"$known")
   local route=${train%%,*}   # the others are aligned to it, and the encoder learns from it
   # As many agents as the chosen agent trains best with; it says so itself, and complains of options it does not know.
-  local agents; agents=$("$policy" "${pass[@]}" --recommended-agents) || exit 1
+  local agents; agents=$("$policy" "${pass[@]}" --show-config) || exit 1
+  agents=$(awk '$1 == "--trainer-agents" { print $2 }' <<<"$agents")
+  agents=${agents:-16}   # with --mode evaluate any number will do
   # Sets `dataset`, `kind` (whether it has images, yes or no) and `length` of the traversal $1.
   look_at() {
     local shown; shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" --show) || return 1
@@ -289,6 +290,7 @@ demo() {
   fi
   local domain wire traversal
   open_run
+  repeatable "${asked[@]}" >"$output/demo.words"
   local recorders=()
   if [ $dashboard = yes ]; then
     # All demos share a store, so that their runs can be compared; while another one has it, this one has its own.
@@ -308,7 +310,7 @@ demo() {
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
   [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" --reference "$route" "${encoding[@]}"
   "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --controls all --wait 60 \
-    --output "$output" "${pass[@]}" --demo-command <(repeatable "${asked[@]}") &
+    --output "$output" "${pass[@]}" &
   running[policy_service]=$!
 
   local status=0

@@ -16,7 +16,7 @@ void require_exportable(const std::string& encoder) {
   if (std::any_of(entries.begin(), entries.end(), [&](const auto* entry) { return entry->name == encoder; })) return;
   throw Error("encoder '" + encoder + "' cannot be written as ONNX operators", "",
               "these can: " + joined(entries, &EncoderGraphRegistry::Entry::name) +
-                  "; policy_service --mode export writes the agent alone, which takes features");
+                  "; without --picture the agent is written alone, which takes features");
 }
 
 void require_exportable(Centring centring) {

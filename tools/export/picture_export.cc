@@ -29,8 +29,7 @@ class TrainedOn {
         manifest_.is_object() ? FeatureRecipe::parse(traversal(first()).value("encoder", "")) : std::nullopt;
     if (!recipe)
       throw Error("names no encoder that the agent learned with", path_,
-                  "export an agent of a run with an encoder_service; policy_service --mode export writes agents that "
-                  "take features");
+                  "export an agent of a run with an encoder_service; without --picture the agent is written alone");
     recipe_ = *recipe;
   } catch (const nlohmann::json::exception&) {
     throw Error("is not the manifest of a run", path, "name it with --manifest");
@@ -68,7 +67,7 @@ class TrainedOn {
 std::string manifest_of(const PictureExportOptions& options) {
   namespace fs = std::filesystem;
   if (!options.manifest.empty()) return options.manifest;
-  const std::string path = fs::absolute(options.agent.checkpoint).parent_path().parent_path() / "manifest.json";
+  std::string path = fs::absolute(options.agent.checkpoint).parent_path().parent_path() / "manifest.json";
   if (!fs::exists(path))
     throw Error("is not there", path, "it says which encoder the agent learned with; name it with --manifest");
   return path;
@@ -115,7 +114,7 @@ std::string picture_agent_bytes(const PictureEncoding& encoding, const TrainedAg
                                 const std::map<std::string, std::string>& metadata) {
   const std::unique_ptr<AgentGraph> agent_graph = export_graph(agent, network_parameters);
   if (!agent_graph->has_input("features"))
-    throw Error("does not look at pictures", "agent '" + agent.name + "'", "policy_service --mode export writes it");
+    throw Error("does not look at pictures", "agent '" + agent.name + "'", "export it without --picture");
   if (encoding.reduction.dimension() != agent.task.features)
     throw Error("gives " + std::to_string(encoding.reduction.dimension()) + " features, the agent takes " +
                     std::to_string(agent.task.features),

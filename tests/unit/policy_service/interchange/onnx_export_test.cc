@@ -16,9 +16,8 @@
 #include "policy_service/interchange/export.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/network/feature_normaliser.h"
-#include "tests/paths.h"
+#include "tests/support/files.h"
 #include "tests/support/networks/some_agent.h"
-#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -251,31 +250,6 @@ TEST(OnnxExportFile, OneClearLineWhereThereIsNoExporterOrNoFormat) {
     EXPECT_THROW(export_agent({folder / "one.clk", "", output}), Error) << output;
   EXPECT_THROW(export_agent({"", "", folder / "one.onnx"}), Error);
   EXPECT_THROW(export_agent({folder / "none.clk", "", folder / "one.onnx"}), Error);
-}
-
-TEST(ExportCommand, WritesTheFileOrSaysWhyNot) {
-  Folder folder;
-  write_checkpoint(folder / "one.clk", some_checkpoint("place_filter", some_task()));
-  const auto run = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> command = {CITYLEARN_POLICY_SERVICE, "--mode", "export"};
-    command.insert(command.end(), more.begin(), more.end());
-    Service service(command, folder / "log");
-    const auto status = service.wait(seconds(60));
-    return std::pair{status.value_or(-1), service.output()};
-  };
-  EXPECT_EQ(run({"--checkpoint", folder / "one.clk", "--output", folder / "one.onnx"}).first, 0);
-  EXPECT_EQ(run({"--checkpoint", folder / "one.clk", "--output", folder / "one.safetensors"}).first, 0);
-  EXPECT_EQ(run({"--checkpoint", folder / "one.clk", "--parameters", folder / "one.safetensors", "--output",
-                 folder / "again.onnx"})
-                .first,
-            0);
-  onnx::ModelProto one, again;
-  ASSERT_TRUE(one.ParseFromString(read_file(folder / "one.onnx")));
-  ASSERT_TRUE(again.ParseFromString(read_file(folder / "again.onnx")));
-  EXPECT_EQ(one.graph().SerializeAsString(), again.graph().SerializeAsString()) << "its own parameters, read back";
-  const auto [status, output] = run({"--checkpoint", folder / "one.clk"});
-  EXPECT_EQ(status, 1);
-  EXPECT_TRUE(contains(output, "--output"));
 }
 
 }  // namespace

@@ -9,7 +9,6 @@
 #include <nlohmann/json.hpp>
 #include <regex>
 
-#include "policy_service/records/demo_command.h"
 #include "policy_service/records/report.h"
 #include "policy_service/run/policy_service.h"
 #include "tests/paths.h"
@@ -99,24 +98,12 @@ TEST(Configuration, IsInTheManifest) {
   EXPECT_FALSE(origins.contains("agent")) << "it is the default";
 }
 
-TEST(Configuration, ManifestHasTheWholeCommandAndThatOfADemo) {
+TEST(Configuration, ManifestHasTheWholeCommand) {
   PolicyServiceOptions options;
   options.command = {"policy_service", "--train", "my drive"};
-  const Folder folder;
-  make_file(folder / "words", std::string("--data\0/a b\0--flag=\0", 20));
-  options.demo_command = read_words(folder / "words");
-  EXPECT_EQ(options.demo_command, (std::vector<std::string>{"--data", "/a b", "--flag="}));
   const Json manifest = manifest_json(checked_options(options), {}, {}, "", 1);
   EXPECT_EQ(manifest["command"]["words"], Json(options.command));
   EXPECT_EQ(manifest["command"]["folder"], std::filesystem::current_path().string());
-  EXPECT_THROW(demo_command_of(folder.path()), Error) << "no manifest";
-  make_file(folder / "seed-3/manifest.json", manifest.dump());
-  EXPECT_EQ(demo_command_of(folder.path()), options.demo_command) << "of one of its seeds";
-  for (const char* bad : {"{", "[]", "{}", R"({"demo": 1})", R"({"demo": ["a", 1]})"}) {
-    make_file(folder / "manifest.json", bad);
-    EXPECT_THROW(demo_command_of(folder.path()), Error) << bad;
-  }
-  EXPECT_THROW(read_words(folder / "nothing"), Error);
 }
 
 /// Runs policy_service and returns its output.

@@ -349,22 +349,32 @@ TEST(PictureExportFile, NetworksThatDoNotFitAreNamed) {
 
 TEST(ExportProgram, WritesTheFileOrSaysWhyNot) {
   SomeExport some(kRecipe);
-  const auto run = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> command = {CITYLEARN_EXPORT,  "--checkpoint",         some.options.agent.checkpoint,
-                                        "--output",        some.folder / "2.onnx", "--store",
-                                        some.options.store};
+  const auto run = [&](const std::string& output, const std::vector<std::string>& more) {
+    std::vector<std::string> command = {CITYLEARN_EXPORT, "--checkpoint", some.options.agent.checkpoint};
+    if (!output.empty()) command.insert(command.end(), {"--output", some.folder / output});
     command.insert(command.end(), more.begin(), more.end());
     Service program(command, some.folder / "log");
     const auto status = program.wait(kSoon);
     return std::pair{status.value_or(-1), program.output()};
   };
-  EXPECT_EQ(run({"--picture", "160x96"}).first, 0);
+  const std::vector<std::string> picture = {"--picture", "160x96", "--store", some.options.store};
+  EXPECT_EQ(run("2.onnx", picture).first, 0);
   EXPECT_TRUE(std::filesystem::exists(some.folder / "2.onnx"));
-  const auto [status, output] = run({"--picture", "160x96", "--encoder", "hog"});
+  const auto [status, output] = run("2.onnx", {"--picture", "160x96", "--encoder", "hog"});
   EXPECT_EQ(status, 1);
   EXPECT_TRUE(contains(output, "'hog' cannot be written")) << output;
   EXPECT_EQ(occurrences(output, "\n"), 1) << output;
-  EXPECT_NE(run({}).first, 0) << "no --picture";
+  // Without a picture, the agent alone.
+  EXPECT_EQ(run("one.onnx", {}).first, 0);
+  EXPECT_EQ(run("one.safetensors", {}).first, 0);
+  EXPECT_EQ(run("again.onnx", {"--parameters", some.folder / "one.safetensors"}).first, 0);
+  onnx::ModelProto one, again;
+  ASSERT_TRUE(one.ParseFromString(read_file(some.folder / "one.onnx")));
+  ASSERT_TRUE(again.ParseFromString(read_file(some.folder / "again.onnx")));
+  EXPECT_EQ(one.graph().SerializeAsString(), again.graph().SerializeAsString()) << "its own parameters, read back";
+  const auto [refused, why] = run("", {});
+  EXPECT_NE(refused, 0);
+  EXPECT_TRUE(contains(why, "--output")) << why;
 }
 
 }  // namespace
