@@ -53,7 +53,7 @@ export function TrainingPage(): JSX.Element {
       title="Runs"
       empty={
         <>
-          Curves appear with the first update of a policy_service, or with what a program logs. <code>citylearn demo</code> starts one.
+          Curves appear with the first update of a policy_service. <code>citylearn demo</code> starts one.
         </>
       }
     >
