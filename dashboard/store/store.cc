@@ -231,7 +231,7 @@ Store::Removal Store::remove(const std::string& name) {
     return !ended && seconds_since_epoch() - last < kRunSilence.count();
   };
   const Removal possible = impl_->locked([&] {
-    SQLite::Statement found(database, "SELECT id FROM runs WHERE name = ?");
+    SQLite::Statement found(database, "SELECT id FROM runs WHERE name = ? AND source = ''");
     if (!bind_values(found, name).executeStep()) return Removal::kUnknown;
     read_row(found, row);
     return running() ? Removal::kRunning : Removal::kDone;
@@ -241,18 +241,11 @@ Store::Removal Store::remove(const std::string& name) {
   in_slices(
       "DELETE FROM training WHERE key IN "
       "(SELECT key FROM training WHERE key BETWEEN (?1 << 40) AND ((?1 + 1) << 40) - 1 LIMIT ?2)");
-  in_slices(
-      "DELETE FROM points WHERE key IN (SELECT p.key FROM metrics m JOIN points p "
-      "ON p.key BETWEEN m.id << 40 AND ((m.id + 1) << 40) - 1 WHERE m.run = ?1 LIMIT ?2)");
   return impl_->locked([&] {
     if (running()) return Removal::kRunning;  // it went on after all: then what is left of it stays
     SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
     run(database, "DELETE FROM episodes WHERE run = ?", row);  // those that came meanwhile
     run(database, "DELETE FROM training WHERE key BETWEEN (?1 << 40) AND ((?1 + 1) << 40) - 1", row);
-    run(database,
-        "DELETE FROM points WHERE key IN (SELECT p.key FROM metrics m JOIN points p "
-        "ON p.key BETWEEN m.id << 40 AND ((m.id + 1) << 40) - 1 WHERE m.run = ?1)",
-        row);
     run(database, "DELETE FROM runs WHERE id = ?", row);
     remove_unused_routes(database);
     all.commit();

@@ -359,6 +359,7 @@ TEST_F(ApiTest, RunsThatOtherProgramsLoggedOnceAreKeptAndNotShown) {
   });
   EXPECT_EQ(json({"runs"})["runs"], Json::array());
   expect_error(404, "run 'p/a' not found", {"runs", "p/a"});
+  expect_error(404, "run 'p/a' not found", {"runs", "p/a"}, {}, "DELETE");
   store_.with_database(
       [](SQLite::Database& database) { EXPECT_EQ(database.execAndGet("SELECT COUNT(*) FROM runs").getInt(), 1); });
 }
