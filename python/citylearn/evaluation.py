@@ -23,7 +23,7 @@ class Scores(dict):
 
 
 def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
-    """Returns the agent of a checkpoint (.clk) or of a model that policy_service exported (.onnx), with the attributes
+    """Returns the agent of a checkpoint (.clk) or of a model that citylearn export wrote (.onnx), with the attributes
     name, features (D), frames (N) and first_frame. Raises FileNotFoundError, or ValueError that names the file."""
     with open(path, "rb"):  # Python's own errors for what cannot be opened
         return (_native.ExportedPolicy if str(path).endswith(".onnx") else _native.Agent)(str(path))
