@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Most of the compiler's time goes into headers, so files are compiled several at once (CMake calls this a unity build). Names in
-# anonymous namespaces must therefore differ within a library.
+# anonymous namespaces must therefore differ within a library or test program.
 option(CITYLEARN_MERGED "Compile several files at once: a whole build is faster, one after a small change slower" ON)
 
 # citylearn_merged(TARGET [EXCEPT pattern...]): all files of the target but those whose path matches a pattern: large ones, that

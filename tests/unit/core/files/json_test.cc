@@ -13,7 +13,7 @@ namespace {
 
 std::string nested(std::size_t levels) { return std::string(levels, '[') + std::string(levels, ']'); }
 
-std::string refusal(const std::string& text) {
+std::string parse_refusal(const std::string& text) {
   return error_of([&] { parse_json(text, "a.json", "fetch it again"); });
 }
 
@@ -25,11 +25,12 @@ TEST(ParseJson, ReadsWhatIsOrdinary) {
 }
 
 TEST(ParseJson, SaysWhatIsWrong) {
-  EXPECT_EQ(refusal(nested(kMostJsonLevels + 1)), "a.json: nests more than 64 levels deep (fetch it again)");
-  EXPECT_EQ(refusal(std::string(8'000'000, '[')), refusal(nested(65)));
-  EXPECT_EQ(refusal(R"("\\)" + std::string(100, '{')), "a.json: is not JSON: broken at byte 104 (fetch it again)");
-  EXPECT_EQ(refusal("[1,"), "a.json: is not JSON: broken at byte 4 (fetch it again)");
-  EXPECT_EQ(refusal("[1e999]"), "a.json: holds a number that is too large (fetch it again)");
+  EXPECT_EQ(parse_refusal(nested(kMostJsonLevels + 1)), "a.json: nests more than 64 levels deep (fetch it again)");
+  EXPECT_EQ(parse_refusal(std::string(8'000'000, '[')), parse_refusal(nested(65)));
+  EXPECT_EQ(parse_refusal(R"("\\)" + std::string(100, '{')),
+            "a.json: is not JSON: broken at byte 104 (fetch it again)");
+  EXPECT_EQ(parse_refusal("[1,"), "a.json: is not JSON: broken at byte 4 (fetch it again)");
+  EXPECT_EQ(parse_refusal("[1e999]"), "a.json: holds a number that is too large (fetch it again)");
   for (const std::string& text : {nested(65), std::string("[1,"), std::string(), std::string("[1e999]")})
     EXPECT_TRUE(parse_json_or_null(text).is_null()) << text;
   EXPECT_EQ(parse_json_or_null("[1]").dump(), "[1]");

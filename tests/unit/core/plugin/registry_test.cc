@@ -16,7 +16,7 @@ const std::vector<ParameterSpec> kSpecs = {
     {.name = "bias", .help = "0 or 1", .default_value = 1, .minimum = 0, .maximum = 1, .integer = true},
 };
 
-std::string refusal(const std::map<std::string, double>& values) {
+std::string parameter_refusal(const std::map<std::string, double>& values) {
   return error_of([&] { Parameters("network 'mlp'", kSpecs, values); });
 }
 
@@ -28,20 +28,20 @@ TEST(Parameters, DefaultsAndGivenValues) {
   EXPECT_EQ(parameters.values().size(), 3u);
 }
 
-TEST(Parameters, BoundsAreAllowed) { EXPECT_EQ(refusal({{"rate", 0}, {"layers", 8}}), ""); }
+TEST(Parameters, BoundsAreAllowed) { EXPECT_EQ(parameter_refusal({{"rate", 0}, {"layers", 8}}), ""); }
 
 TEST(Parameters, UnknownNamesTheKnown) {
-  EXPECT_EQ(refusal({{"depth", 3}}), "network 'mlp': unknown parameter 'depth' (known: rate, layers, bias)");
+  EXPECT_EQ(parameter_refusal({{"depth", 3}}), "network 'mlp': unknown parameter 'depth' (known: rate, layers, bias)");
 }
 
 TEST(Parameters, RangeIsChecked) {
-  EXPECT_EQ(refusal({{"rate", 1.5}}), "network 'mlp'.rate: is 1.5, must be 0..1");
-  EXPECT_EQ(refusal({{"layers", 0}}), "network 'mlp'.layers: is 0, must be 1..8");
-  EXPECT_NE(refusal({{"rate", std::nan("")}}), "");
+  EXPECT_EQ(parameter_refusal({{"rate", 1.5}}), "network 'mlp'.rate: is 1.5, must be 0..1");
+  EXPECT_EQ(parameter_refusal({{"layers", 0}}), "network 'mlp'.layers: is 0, must be 1..8");
+  EXPECT_NE(parameter_refusal({{"rate", std::nan("")}}), "");
 }
 
 TEST(Parameters, WholeNumbersAreChecked) {
-  EXPECT_EQ(refusal({{"layers", 2.5}}), "network 'mlp'.layers: is 2.5, must be a whole number");
+  EXPECT_EQ(parameter_refusal({{"layers", 2.5}}), "network 'mlp'.layers: is 2.5, must be a whole number");
 }
 
 TEST(Parameters, UndeclaredIsAnError) {

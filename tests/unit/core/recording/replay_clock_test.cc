@@ -17,15 +17,15 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr std::uint64_t kStart = 1'700'000'000'000'000'000;
-constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr std::uint64_t kTapeStart = 1'700'000'000'000'000'000;
+constexpr std::int64_t kTapeSecond = 1'000'000'000;
 
 /// A recording of a heartbeat at each second from 0 to 4, played into a process.
 class ReplayControl : public ::testing::Test {
  protected:
   ReplayControl() {
     Tape tape(file_);
-    for (std::uint64_t i = 0; i <= 4; ++i) tape.say(heartbeat("env_service", "env", 7), kStart + i * kSecond);
+    for (std::uint64_t i = 0; i <= 4; ++i) tape.say(heartbeat("env_service", "env", 7), kTapeStart + i * kTapeSecond);
     tape.writer.close();
   }
   std::uint64_t played() const {
@@ -100,26 +100,26 @@ TEST_F(ReplayControl, GoesOnAtAnotherSpeed) {
 TEST_F(ReplayControl, APauseCostsNoTimeOfTheRecording) {
   ReplayClock clock;
   clock.due(0);
-  const Clock::time_point due = clock.due(kSecond);
+  const Clock::time_point due = clock.due(kTapeSecond);
   EXPECT_NEAR(std::chrono::duration<double>(due - Clock::now()).count(), 1, 0.5);
   clock.pause(true);
-  EXPECT_EQ(clock.due(kSecond), Clock::time_point::max());
+  EXPECT_EQ(clock.due(kTapeSecond), Clock::time_point::max());
   const double at = clock.state().position;
   const Clock::time_point later = Clock::now() + std::chrono::milliseconds(20);
   ASSERT_TRUE(eventually([] { std::this_thread::yield(); }, [&] { return Clock::now() >= later; }));
   EXPECT_EQ(clock.state().position, at);
   clock.pause(false);
-  EXPECT_GT(clock.due(kSecond), due);
+  EXPECT_GT(clock.due(kTapeSecond), due);
 }
 
 TEST(RecordingOutline, CountsUpdatesAndEpisodesByPart) {
   const Folder folder;
   {
     Tape tape(folder / "a.mcap");
-    tape.say(run_info(), kStart);
-    for (std::uint64_t i = 0; i < 10; ++i) tape.say(episode(i + 1), kStart + kSecond);
-    tape.say(training_stat(1), kStart + 50 * kSecond / 10);
-    tape.say(training_stat(2), kStart + 10 * kSecond);
+    tape.say(run_info(), kTapeStart);
+    for (std::uint64_t i = 0; i < 10; ++i) tape.say(episode(i + 1), kTapeStart + kTapeSecond);
+    tape.say(training_stat(1), kTapeStart + 50 * kTapeSecond / 10);
+    tape.say(training_stat(2), kTapeStart + 10 * kTapeSecond);
     tape.writer.close();
   }
   const RecordingOutline outline = outline_of({folder / "a.mcap"}, {});
@@ -151,14 +151,14 @@ TEST(RecordingOutline, HasEachUpdateOnceAndThoseOfAResumedRunAgain) {
   const Folder folder;
   {
     Tape tape(folder / "a.mcap");
-    tape.say(training_stat(1), kStart);
-    tape.say(training_stat(1, 500, 0.5f, kJob + 1), kStart);  // of a run without RunInfo, which is not shown
-    tape.say(run_info(), kStart + kSecond);
-    tape.say(training_stat(2), kStart + kSecond);
-    tape.say(training_stat(3), kStart + 2 * kSecond);
-    tape.say(training_stat(2), kStart + 3 * kSecond);  // somebody had asked for it again
-    tape.say(training_stat(2, 600), kStart + 4 * kSecond);
-    tape.say(training_stat(3, 600), kStart + 5 * kSecond);
+    tape.say(training_stat(1), kTapeStart);
+    tape.say(training_stat(1, 500, 0.5f, kJob + 1), kTapeStart);  // of a run without RunInfo, which is not shown
+    tape.say(run_info(), kTapeStart + kTapeSecond);
+    tape.say(training_stat(2), kTapeStart + kTapeSecond);
+    tape.say(training_stat(3), kTapeStart + 2 * kTapeSecond);
+    tape.say(training_stat(2), kTapeStart + 3 * kTapeSecond);  // somebody had asked for it again
+    tape.say(training_stat(2, 600), kTapeStart + 4 * kTapeSecond);
+    tape.say(training_stat(3, 600), kTapeStart + 5 * kTapeSecond);
     tape.writer.close();
   }
   const RecordingOutline outline = outline_of({folder / "a.mcap"}, {});

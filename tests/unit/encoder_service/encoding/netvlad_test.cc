@@ -208,7 +208,7 @@ TEST(NetvladFile, BadFilesGetOneLine) {
     EXPECT_TRUE(contains(parse_error(Bytes(whole.begin(), whole.begin() + size)), "head.safetensors: ")) << size;
 }
 
-std::unique_ptr<Encoder> make(const EncoderFiles& files, const Values& values = {}) {
+std::unique_ptr<Encoder> make_netvlad(const EncoderFiles& files, const Values& values = {}) {
   const auto& entry = EncoderRegistry::instance().find("encoder", "netvlad");
   return entry.create(Parameters("netvlad", entry.parameters, values), files);
 }
@@ -227,7 +227,7 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
   const Folder folder;
   const EncoderFiles files = network(tiny_convolution({-1, 3, 12, 16}, 6).save(folder / "a.onnx"), "conv");
   const std::vector<cv::Mat> pictures = noises(6);
-  const auto first = make(files, {{"clusters", 4}});
+  const auto first = make_netvlad(files, {{"clusters", 4}});
   EXPECT_EQ(first->training_sample_count(), 100);
   EXPECT_TRUE(first->state().empty());
   EXPECT_TRUE(contains(error_of([&] { first->encode(pictures); }), "no centres yet"));
@@ -241,11 +241,11 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
     EXPECT_EQ(first->encode(std::span(&pictures[i], 1)), descriptors.col(i)) << i;
   }
 
-  const auto again = make(files, {{"clusters", 4}});
+  const auto again = make_netvlad(files, {{"clusters", 4}});
   again->restore(first->state());
   EXPECT_EQ(again->spec().name, first->spec().name);
   EXPECT_EQ(again->encode(pictures), descriptors);
-  const auto relearned = make(files, {{"clusters", 4}});
+  const auto relearned = make_netvlad(files, {{"clusters", 4}});
   relearned->learn(pictures);
   EXPECT_EQ(relearned->state(), first->state());
 
@@ -255,17 +255,17 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
   std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(state.data()), std::ssize(state));
   EncoderFiles with_head = files;
   with_head.head = path;
-  const auto filed = make(with_head);
+  const auto filed = make_netvlad(with_head);
   EXPECT_EQ(filed->training_sample_count(), 0);
   EXPECT_EQ(filed->spec().name, first->spec().name);
   EXPECT_EQ(filed->encode(pictures), descriptors);
   EXPECT_TRUE(filed->state().empty());
   EXPECT_THROW(filed->restore(state), Error);
-  const auto other = make(files, {{"clusters", 4}});
+  const auto other = make_netvlad(files, {{"clusters", 4}});
   other->learn(std::span(pictures).subspan(1));
   EXPECT_NE(other->spec().name, first->spec().name);
 
-  EXPECT_TRUE(contains(error_of([&] { make(files, {{"clusters", 5}})->restore(state); }), "other parameters"));
+  EXPECT_TRUE(contains(error_of([&] { make_netvlad(files, {{"clusters", 5}})->restore(state); }), "other parameters"));
   EXPECT_THROW(again->restore(std::span(state).first(20)), Error);
   EXPECT_EQ(again->encode(pictures), descriptors) << "a failed restore changes nothing";
 }
@@ -278,12 +278,12 @@ TEST(Netvlad, RefusesWhatDoesNotFit) {
                                .node("GlobalAveragePool", "pool")
                                .node("Flatten", "flat", {}, {}, {{"axis", 1}})
                                .save(folder / "flat.onnx");
-  EXPECT_TRUE(contains(error_of([&] { make(network(flat)); }), "feature map"));
+  EXPECT_TRUE(contains(error_of([&] { make_netvlad(network(flat)); }), "feature map"));
   const Bytes head = random_head(7, 4).save();
   std::ofstream(folder / "head", std::ios::binary).write(reinterpret_cast<const char*>(head.data()), std::ssize(head));
-  EXPECT_TRUE(contains(error_of([&] { make(network(model, "relu", "", folder / "head")); }),
+  EXPECT_TRUE(contains(error_of([&] { make_netvlad(network(model, "relu", "", folder / "head")); }),
                        "is made for 7 channels, the network's layer has 6"));
-  EXPECT_TRUE(contains(error_of([&] { make(network(model, "relu", "", folder / "none")); }), "No such file"));
+  EXPECT_TRUE(contains(error_of([&] { make_netvlad(network(model, "relu", "", folder / "none")); }), "No such file"));
 }
 
 }  // namespace

@@ -21,13 +21,13 @@ namespace {
 
 using Values = std::map<std::string, double>;
 
-std::unique_ptr<Encoder> make(const EncoderFiles& files, const Values& values = {}) {
+std::unique_ptr<Encoder> make_onnx(const EncoderFiles& files, const Values& values = {}) {
   const auto& entry = EncoderRegistry::instance().find("encoder", "onnx");
   return entry.create(Parameters("onnx", entry.parameters, values), files);
 }
 
 std::string refusal(const EncoderFiles& files, const Values& values = {}) {
-  return error_of([&] { make(files, values); });
+  return error_of([&] { make_onnx(files, values); });
 }
 
 cv::Mat noise(int width, int height, int seed) {
@@ -58,7 +58,7 @@ TEST(Onnx, ComputesWhatTheModelSays) {
   constexpr int kMaps = 4, kWidth = 9, kHeight = 7;
   std::vector<float> kernel;
   const std::string path = tiny_convolution({1, 3, kHeight, kWidth}, kMaps, &kernel).save(folder / "a.onnx");
-  const auto encoder = make(network(path, "", "netvlad-vgg"));
+  const auto encoder = make_onnx(network(path, "", "netvlad-vgg"));
   const cv::Mat picture = noise(kWidth, kHeight, 1);
   ASSERT_EQ(encoder->spec().dimension, kMaps);
   const Eigen::MatrixXf got = encoder->encode(std::span(&picture, 1));
@@ -94,7 +94,7 @@ TEST(Onnx, GemmKeepsTheOrderOfItsOutput) {
                                .save(folder / "a.onnx");
   const Values plain = {{"scale", 255}, {"mean-red", 0},      {"mean-green", 0},      {"mean-blue", 0},
                         {"rgb", 1},     {"deviation-red", 1}, {"deviation-green", 1}, {"deviation-blue", 1}};
-  const auto encoder = make(network(path), plain);
+  const auto encoder = make_onnx(network(path), plain);
   const cv::Mat picture(4, 4, CV_8UC3, cv::Scalar(10, 20, 30));
   const Eigen::MatrixXf got = encoder->encode(std::span(&picture, 1));
   EXPECT_TRUE(got.isApprox(Eigen::Vector3f(21, 50, 160))) << got;
@@ -107,7 +107,7 @@ TEST(Onnx, PreprocessingIsPerChannel) {
   const cv::Mat picture(50, 70, CV_8UC3, cv::Scalar(51, 102, 204));  // any size; 0.2, 0.4, 0.8
   const auto encode = [&](Values values, const std::string& preset = "") {
     values.insert(size.begin(), size.end());
-    return Eigen::VectorXf(make(network(path, "", preset), values)->encode(std::span(&picture, 1)));
+    return Eigen::VectorXf(make_onnx(network(path, "", preset), values)->encode(std::span(&picture, 1)));
   };
   const Eigen::Vector3f rgb((0.8f - 0.485f) / 0.229f, (0.4f - 0.456f) / 0.224f, (0.2f - 0.406f) / 0.225f);
   EXPECT_TRUE(encode({}).isApprox(rgb, 1e-5f));
@@ -123,10 +123,11 @@ TEST(Onnx, EachPictureAloneOrWithOthersIsTheSame) {
   const std::string path = tiny_convolution({-1, 3, 12, 16}, 8).save(folder / "a.onnx");
   std::vector<cv::Mat> pictures;
   for (int i = 0; i < 5; ++i) pictures.push_back(noise(16 + 7 * i, 12 + 5 * i, i));
-  const auto encoder = make(network(path));
+  const auto encoder = make_onnx(network(path));
   const Eigen::MatrixXf together = encoder->encode(pictures);
   ASSERT_EQ(together.cols(), 5);
-  for (int i = 4; i >= 0; --i) EXPECT_EQ(make(network(path))->encode(std::span(&pictures[i], 1)), together.col(i)) << i;
+  for (int i = 4; i >= 0; --i)
+    EXPECT_EQ(make_onnx(network(path))->encode(std::span(&pictures[i], 1)), together.col(i)) << i;
   EXPECT_EQ(encoder->encode(pictures), together);
   EXPECT_EQ(encoder->encode({}).cols(), 0);
 }
@@ -136,7 +137,7 @@ TEST(Onnx, FeatureMapsAreAveragedUnlessAskedOtherwise) {
   const std::string path = tiny_convolution({1, 3, 6, 8}, 5).save(folder / "a.onnx");
   const cv::Mat picture = noise(8, 6, 3);
   const auto encode = [&](const EncoderFiles& files, const Values& values) {
-    return make(files, values)->encode(std::span(&picture, 1));
+    return make_onnx(files, values)->encode(std::span(&picture, 1));
   };
   const Eigen::MatrixXf pooled = encode(network(path), {});
   EXPECT_TRUE(encode(network(path, "relu"), {}).isApprox(pooled, 1e-5f));
@@ -150,7 +151,7 @@ TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
   const std::string fixed = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "fixed.onnx");
   const std::string open = tiny_convolution({-1, 3, -1, -1}, 2).save(folder / "open.onnx");
   const auto size = [](const EncoderFiles& files, const Values& values = {}) {
-    const std::string name = make(files, values)->spec().name;
+    const std::string name = make_onnx(files, values)->spec().name;
     return name.substr(name.find("layer="));
   };
   EXPECT_TRUE(contains(size(network(fixed)), " 8x6 "));
@@ -164,8 +165,8 @@ TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
 TEST(Onnx, LayersAreFoundByNameOrSuggested) {
   const Folder folder;
   const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
-  EXPECT_TRUE(contains(make(network(path, "relu"))->spec().name, "layer=onnx_node!relu "));
-  EXPECT_TRUE(contains(make(network(path, "", "resnet50"))->spec().name, "layer=onnx_node!pool "));
+  EXPECT_TRUE(contains(make_onnx(network(path, "relu"))->spec().name, "layer=onnx_node!relu "));
+  EXPECT_TRUE(contains(make_onnx(network(path, "", "resnet50"))->spec().name, "layer=onnx_node!pool "));
   EXPECT_TRUE(contains(refusal(network(path, "REL")), "it has onnx_node!relu"));
   const std::string none = refusal(network(path, "fc"));
   for (const char* part : {"has no layer 'fc'", "its last are ", "onnx_node!pool"}) EXPECT_TRUE(contains(none, part));
@@ -178,7 +179,7 @@ TEST(Onnx, NamesSayWhatChangesNumbers) {
   std::set<std::string> names;
   const auto add = [&](const EncoderFiles& files, Values values) {
     values.insert({{"width", 8}, {"height", 6}});
-    const std::string name = make(files, values)->spec().name;
+    const std::string name = make_onnx(files, values)->spec().name;
     EXPECT_LE(name.size(), 200u);
     EXPECT_TRUE(names.insert(name).second) << name;
   };
@@ -263,7 +264,7 @@ TEST(Onnx, NumbersAreFiniteOrAnError) {
 
 TEST(Onnx, PicturesOfAnotherKindAreRefused) {
   const Folder folder;
-  const auto encoder = make(network(tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx")));
+  const auto encoder = make_onnx(network(tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx")));
   for (const cv::Mat& picture : {cv::Mat(6, 8, CV_8UC1), cv::Mat(6, 8, CV_32FC3), cv::Mat()})
     EXPECT_THROW(encoder->encode(std::span(&picture, 1)), Error);
 }
@@ -278,7 +279,7 @@ std::vector<float> colours_of(const TinyOnnx& model, const std::string& layer = 
   const Folder folder;
   const Values plain = {{"scale", 255}, {"mean-red", 0},      {"mean-green", 0},      {"mean-blue", 0},
                         {"rgb", 1},     {"deviation-red", 1}, {"deviation-green", 1}, {"deviation-blue", 1}};
-  const auto encoder = make(network(model.save(folder / "a.onnx"), layer), plain);
+  const auto encoder = make_onnx(network(model.save(folder / "a.onnx"), layer), plain);
   const cv::Mat picture(4, 4, CV_8UC3, cv::Scalar(10, 20, 30));
   const Eigen::VectorXf found = encoder->encode(std::span(&picture, 1)).col(0);
   return {found.begin(), found.end()};
@@ -427,7 +428,7 @@ TEST(OnnxFile, DamageIsFoundWithoutACrash) {
 TEST(OnnxNets, OsnetGivesWhatOpencvGives) {
   const std::string path = net("osnet_x0_25_msmt17.onnx");
   if (path.empty()) GTEST_SKIP() << "no osnet_x0_25_msmt17.onnx among the shared data";
-  const auto encoder = make(network(path));
+  const auto encoder = make_onnx(network(path));
   EXPECT_EQ(encoder->spec().dimension, 512);
   std::vector<cv::Mat> pictures = {noise(128, 256, 1), noise(128, 256, 2), noise(128, 256, 3)};
   const Eigen::MatrixXf together = encoder->encode(pictures);
@@ -447,11 +448,11 @@ TEST(OnnxNets, ResnetIsCutAtItsPooledLayer) {
   ASSERT_EQ(expected.size(), 64);
   for (const EncoderFiles& files :
        {network(path, layer), network(path, "GlobalAveragePool_70"), network(path, "", "resnet50")}) {
-    const Eigen::MatrixXf got = make(files)->encode(std::span(&picture, 1));
+    const Eigen::MatrixXf got = make_onnx(files)->encode(std::span(&picture, 1));
     ASSERT_EQ(got.rows(), 64);
     EXPECT_LT((got.col(0) - expected).norm(), 1e-4f * expected.norm());
   }
-  EXPECT_EQ(make(network(path))->spec().dimension, 10);
+  EXPECT_EQ(make_onnx(network(path))->spec().dimension, 10);
   EXPECT_TRUE(contains(refusal(network(path), {{"width", 64}}), "width of 32, not 64"));
 }
 

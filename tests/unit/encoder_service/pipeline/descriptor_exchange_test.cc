@@ -16,11 +16,11 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr int kFrames = 150;       // three blocks
-constexpr int kDimension = 20000;  // a block is 105 chunks, more than one request may ask for
-constexpr std::uint64_t kHash = 0xC17;
+constexpr int kFrames = 150;           // three blocks
+constexpr int kLongDimension = 20000;  // a block is 105 chunks, more than one request may ask for
+constexpr std::uint64_t kExchangedHash = 0xC17;
 
-Eigen::VectorXf descriptor(int frame, int dimension = kDimension) {
+Eigen::VectorXf long_descriptor(int frame, int dimension = kLongDimension) {
   return Eigen::VectorXf::LinSpaced(dimension, static_cast<float>(frame), static_cast<float>(frame) + 0.5f);
 }
 
@@ -29,12 +29,12 @@ struct Service {
   explicit Service(const std::string& id, const std::string& encoder = "hog", const std::string& folder = "")
       : node({middleware_options("inprocess"), "encoder_service", id, "exchange"}),
         exchange(node),
-        work(folder, {encoder, kDimension, kHash, kFrames}, exchange.claims(kHash, kFrames)) {
+        work(folder, {encoder, kLongDimension, kExchangedHash, kFrames}, exchange.claims(kExchangedHash, kFrames)) {
     node.create_reader<msg::ServiceStatus>();
     exchange.share(work);
   }
   void put(int first, int end) {
-    for (int frame = first; frame < end; ++frame) work.put(frame, descriptor(frame));
+    for (int frame = first; frame < end; ++frame) work.put(frame, long_descriptor(frame));
   }
   void spin() {
     node.wait(Clock::now() + milliseconds(1));
@@ -47,9 +47,9 @@ struct Service {
     exchange.advance(now);
   }
   bool has(int first, int end) const {
-    std::vector<float> numbers(kDimension);
+    std::vector<float> numbers(kLongDimension);
     for (int frame = first; frame < end; ++frame)
-      if (!work.read(frame, numbers) || !std::equal(numbers.begin(), numbers.end(), descriptor(frame).data()))
+      if (!work.read(frame, numbers) || !std::equal(numbers.begin(), numbers.end(), long_descriptor(frame).data()))
         return false;
     return true;
   }
@@ -75,9 +75,9 @@ TEST(DescriptorExchange, EachFetchesWhatAnotherHas) {
   EXPECT_TRUE(one.has(120, kFrames));
   EXPECT_TRUE(two.has(0, 100));
   const FeatureStore store(folder / "two", two.work.key());
-  std::vector<float> numbers(kDimension);
+  std::vector<float> numbers(kLongDimension);
   ASSERT_TRUE(store.read(77, numbers)) << "what was fetched is stored";
-  EXPECT_TRUE(std::equal(numbers.begin(), numbers.end(), descriptor(77).data()));
+  EXPECT_TRUE(std::equal(numbers.begin(), numbers.end(), long_descriptor(77).data()));
 }
 
 TEST(DescriptorExchange, ThoseWithACommonStoreSendNothing) {
@@ -93,7 +93,7 @@ TEST(DescriptorExchange, OtherEncodersDescriptorsAreNotAskedFor) {
   Service one("one"), two("two", "patchnorm");
   one.put(0, kFrames);
   const auto heard = [&] {
-    const auto& peers = two.exchange.claims(kHash, kFrames).peers();
+    const auto& peers = two.exchange.claims(kExchangedHash, kFrames).peers();
     return peers.contains(one.node.incarnation()) && peers.at(one.node.incarnation()).present.size() == 3;
   };
   ASSERT_TRUE(eventually([&] { one.spin(), two.spin(); }, heard));
@@ -107,10 +107,10 @@ class Liar {
   Liar() : node_({middleware_options("inprocess"), "encoder_service", "liar", "exchange"}) {
     node_.create_reader<msg::DescriptorRequest>();
     node_.create_reader<msg::DescriptorStatus>();
-    status_.hash(kHash);
+    status_.hash(kExchangedHash);
     status_.frames(kFrames);
     status_.encoder() = "hog";
-    status_.dimension(kDimension);
+    status_.dimension(kLongDimension);
     status_.revision(1);
     status_.present() = {0xFFFF, 0, 0};
     node_.publish(status_);
@@ -128,16 +128,16 @@ class Liar {
       ++requests;
       std::vector<std::uint8_t> bytes;
       for (int frame = 0; frame < 16; ++frame) {
-        const Eigen::VectorXf numbers = descriptor(frame);
+        const Eigen::VectorXf numbers = long_descriptor(frame);
         const auto* from = reinterpret_cast<const std::uint8_t*>(numbers.data());
         bytes.insert(bytes.end(), from, from + numbers.size() * static_cast<Eigen::Index>(sizeof(float)));
       }
       for (const std::uint32_t index : request.chunks()) {
         msg::DescriptorChunk chunk;
         chunk.receiver() = request.header().sender();
-        chunk.hash(kHash);
+        chunk.hash(kExchangedHash);
         chunk.encoder() = "hog";
-        chunk.dimension(kDimension);
+        chunk.dimension(kLongDimension);
         chunk.block(request.block());
         chunk.frames(request.frames());
         chunk.checksum(static_cast<std::uint32_t>(::crc32_z(0, bytes.data(), bytes.size())));
@@ -165,7 +165,9 @@ TEST(DescriptorExchange, DamagedDescriptorsAreRefusedAndEncodedHere) {
   for (const auto& [name, damage] : damages) {
     Service one("one");
     Liar liar;
-    const auto free = [&] { return one.exchange.claims(kHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0; };
+    const auto free = [&] {
+      return one.exchange.claims(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
+    };
     ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(damage); }, free)) << name;
     EXPECT_EQ(one.work.done(), 0) << name;
     EXPECT_EQ(one.node.traffic.rejected, 3u) << name;
@@ -176,7 +178,9 @@ TEST(DescriptorExchange, WhatIsNotSentIsEncodedHere) {
   Service one("one");
   Liar liar;
   const auto mute = [](msg::DescriptorChunk& chunk) { chunk.encoder() = "other"; };
-  const auto free = [&] { return one.exchange.claims(kHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0; };
+  const auto free = [&] {
+    return one.exchange.claims(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
+  };
   ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(mute); }, free));
   EXPECT_EQ(one.work.done(), 0);
   EXPECT_EQ(liar.requests, RequestTimer::kUsualTries);
@@ -190,7 +194,7 @@ TEST(DescriptorExchange, WhatItIsNotAskedForOrLacksIsNotSent) {
   msg::DescriptorRequest request;
   const auto answers = [&](std::uint64_t frames, std::uint32_t block, const char* encoder) {
     request.encoder_service() = "one";
-    request.hash(kHash);
+    request.hash(kExchangedHash);
     request.encoder() = encoder;
     request.block(block);
     request.frames(frames);
