@@ -18,14 +18,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kRoot = CITYLEARN_SOURCE_DIR;
+const fs::path kDocumentsRoot = CITYLEARN_SOURCE_DIR;
 
 /// Our text files, without what is generated or installed.
 std::vector<fs::path> text_files() {
   const std::set<std::string> skipped = {".git", "build", "node_modules", "dist", "runs", "seeds"};
   const std::set<std::string> others = {".png", ".jpg", ".svg", ".html", ".csv"};
   std::vector<fs::path> found;
-  for (auto entry = fs::recursive_directory_iterator(kRoot); entry != fs::end(entry); ++entry) {
+  for (auto entry = fs::recursive_directory_iterator(kDocumentsRoot); entry != fs::end(entry); ++entry) {
     if (entry->is_directory() && skipped.count(entry->path().filename())) entry.disable_recursion_pending();
     if (entry->is_regular_file() && !others.count(entry->path().extension())) found.push_back(entry->path());
   }
@@ -66,11 +66,11 @@ TEST(Documents, NamedPagesExist) {
   for (const fs::path& file : text_files()) {
     const std::string text = contents(file);
     for (std::sregex_iterator match(text.begin(), text.end(), page), end; match != end; ++match)
-      EXPECT_TRUE(fs::exists(kRoot / match->str(1))) << file << ": " << match->str(1);
+      EXPECT_TRUE(fs::exists(kDocumentsRoot / match->str(1))) << file << ": " << match->str(1);
   }
 }
 
-TEST(Documents, TheReadmeStaysShort) { EXPECT_LE(occurrences(contents(kRoot / "README.md"), "\n"), 150); }
+TEST(Documents, TheReadmeStaysShort) { EXPECT_LE(occurrences(contents(kDocumentsRoot / "README.md"), "\n"), 150); }
 
 }  // namespace
 }  // namespace citylearn::testing

@@ -12,17 +12,18 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr int kSteps = 8, kAgents = 3;
+constexpr int kSegmentSteps = 8, kSegmentAgents = 3;
 
 /// Segments of a real network on a small city, each with the trajectories an actor would make of it.
 class Segments {
  public:
   Segments()
       : network_(make()),
-        collector_({.segment = kSteps, .sequence = kSteps, .noise_frame = 0.1}, task_, *network_, workers_) {
+        collector_({.segment = kSegmentSteps, .sequence = kSegmentSteps, .noise_frame = 0.1}, task_, *network_,
+                   workers_) {
     Random random{3};
     network_->initialise(random, parameters_);
-    collector_.add(0, kAgents);
+    collector_.add(0, kSegmentAgents);
     msg::TaskSettings settings;
     settings.task_mode() = msg::TRAIN;
     settings.frames() = 16;
@@ -56,12 +57,12 @@ class Segments {
     made.number() = number;
     made.environment() = "env";
     made.agent() = static_cast<std::uint32_t>(agent);
-    made.step() = static_cast<std::uint64_t>((count_ - 1) * kSteps);
+    made.step() = static_cast<std::uint64_t>((count_ - 1) * kSegmentSteps);
     made.version() = version;
     pack(rollout(), agent, made);
     return made;
   }
-  TrajectoryShape shape() const { return {kSteps, 12, network_->state_size(), 16}; }
+  TrajectoryShape shape() const { return {kSegmentSteps, 12, network_->state_size(), 16}; }
 
  private:
   std::unique_ptr<AgentNetwork<float>> make() const {
@@ -74,7 +75,7 @@ class Segments {
   Vector<float> parameters_;
   WorkerPool workers_{2};
   Collector collector_;
-  Environment environment_{city_, kAgents};
+  Environment environment_{city_, kSegmentAgents};
   bool begun_ = false;
   int count_ = 0;
 };
@@ -84,16 +85,16 @@ TEST(Trajectories, ARolloutGoesRoundThroughThem) {
   TrajectoryQueue queue(segments.shape(), 100);
   segments.next();
   segments.next();  // with recurrent states and episodes that go on from before
-  for (int agent = 0; agent < kAgents; ++agent) {
+  for (int agent = 0; agent < kSegmentAgents; ++agent) {
     Bytes bytes;
     encode(segments.trajectory(agent, static_cast<std::uint64_t>(agent) + 1), bytes);
     msg::Trajectory received;
     decode(std::span<const std::byte>(bytes), received);
     EXPECT_EQ(queue.take(received, 0), TrajectoryQueue::Taken::kTaken);
   }
-  ASSERT_TRUE(queue.ready(kAgents, 0, 0, 0));
+  ASSERT_TRUE(queue.ready(kSegmentAgents, 0, 0, 0));
   Rollout got;
-  EXPECT_EQ(queue.assemble(kAgents, 0, 16, got), 0);
+  EXPECT_EQ(queue.assemble(kSegmentAgents, 0, 16, got), 0);
   const Rollout& sent = segments.rollout();
   EXPECT_EQ(got.states, sent.states);
   EXPECT_EQ(got.action, sent.action);
@@ -131,7 +132,7 @@ TEST(Trajectories, EpisodesAreCountedAsACollectorCountsThem) {
   for (int segment = 0; segment < 6; ++segment) {
     segments.next();
     for (const FinishedEpisode& episode : segments.finished()) expected.push_back(sum_of(episode));
-    for (int agent = 0; agent < kAgents; ++agent) {
+    for (int agent = 0; agent < kSegmentAgents; ++agent) {
       msg::Trajectory trajectory = segments.trajectory(agent, ++number);
       ASSERT_EQ(queue.take(trajectory, 0), TrajectoryQueue::Taken::kTaken);
     }

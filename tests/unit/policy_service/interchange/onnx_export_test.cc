@@ -23,7 +23,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr int kSteps = 12, kAgents = 3;
+constexpr int kExportedSteps = 12, kExportedAgents = 3;
 
 Parameters parameters_for(const std::string& name, const std::map<std::string, double>& values) {
   return {name, NetworkRegistry<float>::instance().find("network", name).parameters, values};
@@ -32,9 +32,9 @@ Parameters parameters_for(const std::string& name, const std::map<std::string, d
 /// What all agents see at one step: at random, and episodes that begin in the middle.
 NetworkInputs<float> some_step(const NetworkTask& task, int step, Random& random) {
   NetworkInputs<float> inputs;
-  inputs.resize(task.features, 1, kAgents);
+  inputs.resize(task.features, 1, kExportedAgents);
   inputs.frames = task.frames;
-  for (int b = 0; b < kAgents; ++b) {
+  for (int b = 0; b < kExportedAgents; ++b) {
     const auto index = static_cast<std::size_t>(b);
     inputs.first[index] = step == 0 || (step == 4 && b == 1) || (step == 9 && b != 1);
     // The route's ends come up often: their masks differ.
@@ -153,21 +153,21 @@ TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
     SeenFeatures seen;
     const auto workspace = agent.network->make_workspace();
     // Whatever is in the state at first must not matter.
-    Matrix<float> state = Matrix<float>::Constant(agent.network->state_size(), kAgents, 0.3f), theirs = state;
-    for (int step = 0; step < kSteps; ++step) {
+    Matrix<float> state = Matrix<float>::Constant(agent.network->state_size(), kExportedAgents, 0.3f), theirs = state;
+    for (int step = 0; step < kExportedSteps; ++step) {
       const NetworkInputs<float> inputs = some_step(task, step, random);
       NetworkInputs<float> normalised = inputs;
       if (agent.network->normalises()) {
-        for (int b = 0; b < kAgents; ++b) seen.see(inputs.features_of(b));
+        for (int b = 0; b < kExportedAgents; ++b) seen.see(inputs.features_of(b));
         normaliser.apply(normalised.features.leftCols(normalised.distinct), seen);
       }
       agent.network->forward(agent.parameters, normalised, state, *workspace);
       state = workspace->state;
       const Matrix<float> before = theirs;
-      for (int b = 0; b < kAgents; ++b) {
+      for (int b = 0; b < kExportedAgents; ++b) {
         if (together && b > 0) break;
         const std::vector<cv::Mat> outputs = reader.step(inputs, seen.numbers(), before, together ? -1 : b);
-        const int rows = together ? kAgents : 1;
+        const int rows = together ? kExportedAgents : 1;
         for (int row = 0; row < rows; ++row) {
           const int column = together ? row : b;
           const std::string what = "step " + std::to_string(step) + ", agent " + std::to_string(column);

@@ -27,11 +27,11 @@ constexpr int kRanks = 4, kKillsOfEach = 10;
 constexpr int kContinuation = 3000;  // ms in which all survivors have made an update without the killed one
 const std::string kRendezvous = "rendezvous";
 
-struct Process;
+struct RankProcess;
 
 /// Client and server are the sides 0 and 1.
 struct Connection {
-  std::array<Process*, 2> ends;
+  std::array<RankProcess*, 2> ends;
   std::array<int, 2> arrives{};                 // the last message to a side: they keep their order
   std::array<bool, 2> open{true, true}, cut{};  // to a side that is cut, what is on its way is lost
 };
@@ -53,22 +53,22 @@ struct World {
   void check(bool right, const std::string& what) {
     if (!right && fault.empty()) fault = "at " + std::to_string(now) + " ms: " + what;
   }
-  Process& process(int number) { return *processes.at(static_cast<std::size_t>(number)); }
+  RankProcess& process(int number) { return *processes.at(static_cast<std::size_t>(number)); }
   const Update& update(int history) const { return updates.at(static_cast<std::size_t>(history)); }
   void start(int rank);
   void kill(bool pair_ends = false);
-  int connect(Process& client, const std::string& address);
+  int connect(RankProcess& client, const std::string& address);
   void send(int connection, int side, const Json& message);  // null: closes it
   int add(int before, const std::vector<int>& works);
-  void counted(Process& process);
+  void counted(RankProcess& process);
 
   std::mt19937_64 random;
   int now = 0;
   std::uint64_t event_count = 0;
   std::map<std::pair<int, std::uint64_t>, std::function<void()>> events;
-  std::vector<std::unique_ptr<Process>> processes;  // by number, which is incarnation and address too
+  std::vector<std::unique_ptr<RankProcess>> processes;  // by number, which is incarnation and address too
   std::deque<Connection> connections;
-  Process* front = nullptr;  // listens at the rendezvous
+  RankProcess* front = nullptr;  // listens at the rendezvous
   std::vector<Update> updates{1};
   std::map<std::pair<int, std::vector<int>>, int> known_updates;
   std::map<std::pair<std::string, std::uint64_t>, std::map<int, bool>> outcomes;  // of meetings, by process
@@ -80,8 +80,8 @@ struct World {
 };
 
 /// A real Coordinator, and a model of the rest: roster_thread.cc, shared_updates.cc and, as to its outcome, gloo.
-struct Process {
-  Process(World& all, int own_rank, int own_number) : world(all), rank(own_rank), number(own_number) { learn(); }
+struct RankProcess {
+  RankProcess(World& all, int own_rank, int own_number) : world(all), rank(own_rank), number(own_number) { learn(); }
   void later(int delay, std::function<void()> event) {
     world.after(delay, [this, event = std::move(event)] {
       if (alive) event();
@@ -347,12 +347,12 @@ struct Process {
 
 void World::start(int rank) {
   const int number = static_cast<int>(processes.size());
-  processes.push_back(std::make_unique<Process>(*this, rank, number));
+  processes.push_back(std::make_unique<RankProcess>(*this, rank, number));
   processes.back()->turn_again();
 }
 
-int World::connect(Process& client, const std::string& address) {
-  Process* const server = address == kRendezvous ? front : &process(std::stoi(address));
+int World::connect(RankProcess& client, const std::string& address) {
+  RankProcess* const server = address == kRendezvous ? front : &process(std::stoi(address));
   if (!server || !server->alive) return -1;
   connections.push_back({{&client, server}});
   return static_cast<int>(connections.size()) - 1;
@@ -386,7 +386,7 @@ int World::add(int before, const std::vector<int>& content) {
   return found->second;
 }
 
-void World::counted(Process& process) {
+void World::counted(RankProcess& process) {
   log += std::to_string(now) + " " + process.name() + " " + std::to_string(process.history) + "\n";
   // All that live say the same: of two histories, the shorter one is the beginning of the other.
   for (const auto& other : processes) {
@@ -416,7 +416,7 @@ void World::kill(bool pair_ends) {
       to_continue.insert(process->number);
   }
   to_continue.erase(victim);
-  Process& killed = process(victim);
+  RankProcess& killed = process(victim);
   killed.alive = false;
   if (front == &killed) front = nullptr;
   for (std::size_t i = 0; i < connections.size(); ++i)
