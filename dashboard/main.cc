@@ -29,7 +29,7 @@ namespace {
 using namespace citylearn;
 
 const std::string kAllRuns = "all";
-constexpr std::chrono::milliseconds kPositions{250};  // between two messages of topic `playback`
+constexpr std::chrono::milliseconds kPositionInterval{250};  // between two messages of topic `playback`
 
 struct CommandLine {
   ServerOptions server;
@@ -129,8 +129,8 @@ void dispatch(Node& node, Message& message, Listeners&... listeners) {
   while (node.take(message)) (listeners.on_message(message), ...);
 }
 
-/// What watches the domain, and answers from what it has seen. Made anew when an earlier position of a recording is
-/// asked for: so nothing later than that is left.
+/// The parts that watch the domain and answer from what they have seen. They are made anew when an earlier position of
+/// a recording is asked for, so that nothing of a later one is left.
 struct Watch {
   Watch(const CommandLine& line, Hub& hub, const std::optional<Timeline>& timeline, const ReplayOptions& replay,
         std::uint64_t begins)
@@ -180,7 +180,7 @@ struct Watch {
       }
     }
     if (Clock::now() < next_position) return;
-    next_position = Clock::now() + kPositions;
+    next_position = Clock::now() + kPositionInterval;
     hub.publish("playback", {}, bytes_of(text_of(playback_json(*playback))), Hub::Merge::kReplace);
   }
 
@@ -289,7 +289,7 @@ int serve(CommandLine& line) {
       hub.forget();
       watch->node.report(msg::RUNNING, "serving " + server.url());
     }
-    watch->node.wait(std::min({watch->recorder.due(), watch->live.due(), Clock::now() + kStopCheck}));
+    watch->node.wait(std::min({watch->recorder.due(), watch->live.due(), Clock::now() + kStopCheckInterval}));
   }
   watch->recorder.finish(line.leave);
   return 0;

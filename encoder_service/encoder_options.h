@@ -21,7 +21,7 @@ std::string encoder_names();
 void add_encoder_options(CLI::App& app, EncoderFiles& files,
                          std::map<std::string, std::map<std::string, double>>& parameters, const std::string& group);
 
-/// What becomes of an encoder's descriptors, as the command line says it.
+/// The reduction of an encoder's descriptors, as given on the command line.
 struct ReductionChoice {
   std::string reference = "summer";  ///< traversal that the encoder and the reduction learn from
   ReductionOptions reduction;        ///< but for its centring

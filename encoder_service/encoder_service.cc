@@ -116,7 +116,7 @@ void EncoderService::run(const std::function<bool()>& stop) {
     assign_environments();
     listen_when_needed();
     if (now_ >= next_report_) report();
-    node_.wait(now_ + (pipeline_.busy() ? kEncoderBusyInterval : kStopCheck));
+    node_.wait(now_ + (pipeline_.busy() ? kEncoderBusyInterval : kStopCheckInterval));
   }
   pipeline_.finish();  // what is encoded already is worth keeping
   node_.report(msg::STOPPING, "stopping");
@@ -138,8 +138,8 @@ void EncoderService::take_messages() {
   while (node_.take(descriptor_chunk_)) exchange.on_chunk(descriptor_chunk_, now_);
 }
 
-/// Another encoder_service completed it. Two with the same encoder share the work; of two with different ones, the one
-/// that serves nobody yet is a mistake.
+/// Handles an announcement that another encoder_service completed. Two with the same encoder share the work; of two
+/// with different ones, the one that serves nobody yet is a mistake.
 void EncoderService::on_completed_info(const msg::TraversalInfo& info) {
   if (info.encoder_incarnation() == node_.incarnation()) return;
   Peer& peer = peers_[info.encoder_incarnation()];
@@ -290,7 +290,7 @@ void EncoderService::assign_environments() {
   std::erase_if(peers_, [this](const auto& entry) { return !entry.second.presence.here(now_); });
   for (auto& [id, environment] : environments_) {
     // Of two that leave it to each other, both live and neither serves.
-    if (serving(environment) || (peers_.contains(environment.server) && now_ < environment.completed + kUnserved))
+    if (serving(environment) || (peers_.contains(environment.server) && now_ < environment.completed + kMaxUnserved))
       continue;
     if (environment.server != 0) {
       spdlog::warn("the encoder_service of '{}' serves it no longer", id);

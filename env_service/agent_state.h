@@ -23,7 +23,7 @@ struct AgentState {
   std::vector<int> distances;      ///< to the goal from each place of the route; empty on a line
   std::vector<int> order;          ///< frame shown at each place of the route, when shuffled
   std::vector<std::uint8_t> path;  ///< of the episode so far, 2 bits an action
-  bool strayed = false;            ///< in this episode it was led elsewhere than its actions say
+  bool strayed = false;            ///< in this episode it was moved elsewhere than its actions say
 };
 
 }  // namespace citylearn

@@ -29,7 +29,7 @@ using std::chrono::milliseconds;
 
 constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr char kNotInCharge[] = "an action of a service that is not in charge";
-constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
+constexpr std::size_t kMaxPolicies = 256;  // whose newest settings are remembered
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
   options.service = "env_service";
@@ -170,7 +170,7 @@ void EnvService::run(const std::function<bool()>& stop) {
     take_messages();
     now_ = Clock::now();
     do_due_work();
-    node_.wait(server_.send_pictures() ? now_ : std::min(next_due(), now_ + kStopCheck));
+    node_.wait(server_.send_pictures() ? now_ : std::min(next_due(), now_ + kStopCheckInterval));
   }
   leave();
 }
@@ -203,7 +203,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
       refuse(settings.header(), "settings of a service that was replaced");
     return;
   }
-  if (id.version() - version > kMostVersionsAhead) {
+  if (id.version() - version > kMaxVersionsAhead) {
     rejections_.add(settings.header(), "settings with a version far ahead of the last ones");
     return;
   }
@@ -235,7 +235,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
   const bool idle = settings.task_mode() == msg::IDLE;
   if (idle) spdlog::info("settings {} of '{}': idle", newest_.version(), sender);
   if (idle || start_task(settings)) {
-    if (versions_.size() >= kMostPolicies) versions_.clear();
+    if (versions_.size() >= kMaxPolicies) versions_.clear();
     versions_[id.incarnation()] = id.version();
     info_.settings() = newest_;
     info_.by_reference() = settings.by_reference();
@@ -259,7 +259,7 @@ void EnvService::refuse(const msg::Header& header, const std::string& kind) {
 /// Reads the heartbeats of the policy_service in charge, which show that it lives while it sends no actions.
 void EnvService::watch_policy(const std::string& id) {
   if (id == watched_) return;
-  if (!watched_.empty()) node_.let_go(watched_);
+  if (!watched_.empty()) node_.release_topics(watched_);
   watched_ = id;
   node_.create_reader_at<msg::ServiceStatus>(watched_);
 }
@@ -472,7 +472,7 @@ void EnvService::leave() {
   outbox_.hurry(now_);
   while (worth_waiting()) {
     send_episodes();
-    node_.wait(std::min(outbox_.due(), now_ + kStopCheck));
+    node_.wait(std::min(outbox_.due(), now_ + kStopCheckInterval));
     now_ = Clock::now();
     while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
     // Messages that are not taken would wake the wait again and again.

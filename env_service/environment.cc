@@ -77,7 +77,7 @@ int Environment::on_route(int place) const {
   return std::clamp(place - static_cast<int>(settings_.first_frame()), 0, static_cast<int>(settings_.frames()) - 1);
 }
 
-/// Draws the place where an agent begins. A robot begins where it is: nobody carries it.
+/// Draws the place where an agent begins. A robot begins where it stands.
 int Environment::place_to_begin(AgentState& agent) const {
   const int drawn = static_cast<int>(agent.random.below(settings_.frames()));
   return robot_ ? on_route(robot_->place) : drawn;
@@ -90,7 +90,7 @@ std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
 
 /// Returns the place to which the robot is sent, or draws one that is not where the agent stands.
 int Environment::goal_to_begin(AgentState& agent) {
-  if (sent_) return on_route(*std::exchange(next_goal_, std::nullopt));
+  if (external_goals_) return on_route(*std::exchange(next_goal_, std::nullopt));
   const int drawn = static_cast<int>(agent.random.below(settings_.frames() - 1));
   return drawn < agent.frame ? drawn : drawn + 1;
 }
@@ -99,7 +99,7 @@ void Environment::begin_episode(AgentState& agent) {
   agent.previous_action = kNoAction;
   // One observation ends an episode and begins the next at the same place, so both have the same picture.
   const bool goes_on = agent.flags != 0 && settings_.task_mode() == msg::TRAIN;
-  if (sent_ && !next_goal_) {
+  if (external_goals_ && !next_goal_) {
     agent.flags |= msg::FLAG_IDLE;
     if (!goes_on) look(agent);
     return;
@@ -291,7 +291,7 @@ void Environment::look(AgentState& agent) const {
 
 bool Environment::awaits_goal() const {
   const AgentState& robot = agents_.front();
-  if (!sent_ || !(robot.flags & msg::FLAG_IDLE)) return false;
+  if (!external_goals_ || !(robot.flags & msg::FLAG_IDLE)) return false;
   return settings_.task_mode() != msg::EVALUATE ||
          robot.task < static_cast<int>(settings_.first_task() + settings_.tasks());
 }

@@ -17,24 +17,24 @@ namespace citylearn {
 
 /// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for
 /// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one.
-/// Where the traversal crosses itself (Traversal::turns), staying is turning into the other road. Distances are the
-/// fewest steps.
+/// Where the traversal crosses itself (Traversal::turns), staying is turning into the other road. A distance is the
+/// smallest number of steps.
 ///
 /// Reward: +1 on reaching the goal, which ends the episode. A step that leads nearer to the goal than the agent ever
 /// was in this episode costs nothing; every other step costs 1 / max_steps. After max_steps steps the episode is cut
 /// (truncated).
 ///
-/// Imperfections make agents slip, see old frames and stand elsewhere all of a sudden. An agent that slips over its
-/// goal has not reached it, and none is kidnapped to its goal. The shortest path stays that from the start.
+/// Imperfections make agents slip, see old frames, or suddenly stand elsewhere ("kidnapped"). An agent that slips over
+/// its goal has not reached it. No agent is kidnapped to its goal. The shortest path is still the one from the start.
 ///
-/// No threads, wire or clock: the same settings and actions give the same observations.
+/// It has no threads, wire or clock: the same settings and actions give the same observations.
 class Environment {
  public:
   struct Episode {  ///< a finished one
     int agent, task, start, goal, steps, shortest;
     float reward;
     bool completed;
-    std::vector<std::uint8_t> path;  ///< its actions as EpisodeStat has them, which also says when it is empty
+    std::vector<std::uint8_t> path;  ///< its actions, as in EpisodeStat, which says when it is empty
   };
 
   /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
@@ -47,26 +47,26 @@ class Environment {
   /// looked up (by_reference).
   void reset(const msg::TaskSettings& settings);
 
-  /// Features of a frame: D.
+  /// Returns the features of a frame: D.
   std::span<const float> feature(int frame) const {
     const auto dimension = static_cast<std::size_t>(traversal_.dimension);
     return std::span(traversal_.features).subspan(static_cast<std::size_t>(frame) * dimension, dimension);
   }
 
-  /// One action per agent. An agent at the start of its episode may be given kNoAction: it waits, and nothing of it
-  /// changes. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
+  /// Performs one action per agent. An agent at the start of its episode may be given kNoAction: it waits unchanged.
+  /// Throws Error, changing nothing, for a wrong number of actions or a masked or unknown one.
   void step(std::span<const std::uint8_t> actions);
   /// Throws Error as step() does.
   void check(std::span<const std::uint8_t> actions) const;
 
-  /// From now on agent 0 is a robot: it is where this says, and so its steps lead there and its episodes begin there.
-  /// A place beyond the route is the route's nearest end.
-  void sight(const Sighting& sighting) { robot_ = sighting; }
-  /// From now on an episode of agent 0, a robot, begins when somebody sends it to a goal. Until then it is idle.
-  void await_goals() { sent_ = true; }
-  /// Sends the robot to a place, as sight() has them, with the next step or reset, which cuts its episode (truncated).
-  void send_to(std::optional<int> place) { next_goal_ = place; }
-  bool is_sent() const { return next_goal_.has_value(); }  ///< No episode has begun for that.
+  /// Makes agent 0 a robot that stands where `sighting` says: its steps lead there and its episodes begin there. A
+  /// place beyond the route counts as the route's nearest end.
+  void set_robot_pose(const Sighting& sighting) { robot_ = sighting; }
+  /// Makes an episode of agent 0, a robot, begin only when set_next_goal() gives it a goal. Until then it is idle.
+  void use_external_goals() { external_goals_ = true; }
+  /// Sets the robot's goal, a place, for the next step or reset, which cuts its episode (truncated).
+  void set_next_goal(std::optional<int> place) { next_goal_ = place; }
+  bool is_sent() const { return next_goal_.has_value(); }  ///< No episode has begun for it yet.
   /// Returns whether the robot has tasks left and waits to be sent.
   bool awaits_goal() const;
   /// Returns the frame to which an agent goes.
@@ -80,9 +80,9 @@ class Environment {
   void observe(msg::Observation& observation) const;
   void observe(msg::Scene& scene) const;  ///< Fills the step and what there is of each agent.
 
-  /// Episodes that the last step ended, by agent.
+  /// Returns the episodes that the last step ended, by agent.
   const std::vector<Episode>& finished() const { return finished_; }
-  /// EVALUATE: every task has been done.
+  /// Returns whether every task of an EVALUATE has been done.
   bool done() const;
   std::uint64_t ticks() const { return step_; }  ///< steps under the present settings
   int agents() const { return static_cast<int>(agents_.size()); }
@@ -111,7 +111,7 @@ class Environment {
   std::vector<Episode> finished_;
   std::uint64_t step_ = 0;
   std::optional<Sighting> robot_;
-  bool sent_ = false;  // its goals come from outside
+  bool external_goals_ = false;  // goals come from set_next_goal()
   std::optional<int> next_goal_;
 };
 

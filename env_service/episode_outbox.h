@@ -19,17 +19,17 @@ namespace citylearn {
 class EpisodeOutbox {
  public:
   static constexpr std::size_t kCapacity = LogOptions().capacity;
-  static constexpr std::size_t kMostRecorders = LogOptions().max_readers;
+  static constexpr std::size_t kMaxRecorders = LogOptions().max_readers;
 
   /// `required` names recorders that are known before they are heard of. `capacity` counts episodes.
   explicit EpisodeOutbox(const std::vector<std::string>& required = {}, std::size_t capacity = kCapacity);
 
-  /// Episodes added from now on ran under these settings, on this traversal.
+  /// Sets the settings and the traversal of episodes that are added from now on.
   void set_context(const msg::TaskSettings& settings, const std::string& traversal);
   void add(const Environment::Episode& episode);
 
   using Acknowledged = LogSender::Acknowledged;
-  /// Reads all of the acknowledgement but whom it is for.
+  /// Reads all fields of the acknowledgement but its receiver.
   Acknowledged acknowledge(const msg::EpisodeAcknowledgement& acknowledgement, Clock::time_point now);
   /// Makes the sender the incumbent of its id without waiting.
   void force_successor(const msg::Header& header, Clock::time_point now) { log_.force_successor(header, now); }

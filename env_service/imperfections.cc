@@ -126,7 +126,7 @@ Traversal imperfect(Traversal traversal, const Imperfections& imperfections) {
   if (const double share = imperfections.blurred_frames; share > 0)
     blur(traversal, share, Random{seed, hash, kBlurredFrames});
   // A name that is too long all the same is refused where it goes onto the wire.
-  const std::size_t room = announced.size() < kLongestName ? kLongestName - announced.size() : 1;
+  const std::size_t room = announced.size() < kMaxNameLength ? kMaxNameLength - announced.size() : 1;
   traversal.name = name_from(traversal.name.substr(0, room)) + announced;
   return traversal;
 }

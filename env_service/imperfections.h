@@ -13,7 +13,7 @@ class App;
 
 namespace citylearn {
 
-/// How the world of an env_service falls short of a perfect one. Zero, the default of all, changes not a bit.
+/// Imperfections of the world of an env_service. Zero, the default of all, changes nothing.
 struct Imperfections {
   // What befalls agents.
   double slip = 0;            ///< --slip P: probability that an action slips, so that it is done never or twice
@@ -44,7 +44,7 @@ Traversal imperfect(Traversal traversal, const Imperfections& imperfections);
 /// the same ones at the same steps, whichever others there are and whatever the agent does.
 class Mishaps {
  public:
-  Mishaps() = default;  ///< There are none.
+  Mishaps() = default;  ///< Without mishaps.
   Mishaps(const Imperfections& imperfections, std::uint64_t seed, std::uint64_t number);
 
   /// Returns how often the next action is done: once, or when it slips never or twice, which are as likely.

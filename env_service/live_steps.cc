@@ -9,9 +9,9 @@ namespace citylearn {
 LiveSteps::LiveSteps(Environment& environment, std::unique_ptr<Robot> robot)
     : environment_(environment), robot_(std::move(robot)) {
   if (environment.agents() != 1) throw Error("a robot is one agent", "--agents", "give 1");
-  if (!robot_->hears_goals()) return;
-  environment.await_goals();
-  robot_->tell("stopped");
+  if (!robot_->has_goal_topic()) return;
+  environment.use_external_goals();
+  robot_->publish_status("stopped");
 }
 
 void LiveSteps::reset(const msg::TaskSettings& settings) {
@@ -23,7 +23,7 @@ void LiveSteps::reset(const msg::TaskSettings& settings) {
 
 void LiveSteps::step(std::span<const std::uint8_t> actions) {
   environment_.check(actions);
-  if (!std::exchange(driven_, true) && robot_->hears_goals()) tell(true);
+  if (!std::exchange(driven_, true) && robot_->has_goal_topic()) publish_progress(true);
   actions_.assign(actions.begin(), actions.end());
   doing_ = environment_.awaits_goal() ? Doing::kAwaitGoal : Doing::kStep;
   if (doing_ == Doing::kAwaitGoal) return;
@@ -41,9 +41,9 @@ void LiveSteps::stop() {
 
 void LiveSteps::release() {
   driven_ = false;
-  if (!robot_->hears_goals()) return;
+  if (!robot_->has_goal_topic()) return;
   if (std::exchange(goal_, std::nullopt)) robot_->refuse_goal("the policy_service no longer drives the robot");
-  robot_->tell("stopped");
+  robot_->publish_status("stopped");
 }
 
 bool LiveSteps::advance(Clock::time_point now) {
@@ -56,10 +56,10 @@ bool LiveSteps::advance(Clock::time_point now) {
   }
   const bool waits = doing_ == Doing::kStep && actions_.front() == kNoAction && !environment_.awaits_goal();
   if (!busy() || awaits_goal() || (!seen && !waits)) return false;
-  if (seen) environment_.sight(*seen);
+  if (seen) environment_.set_robot_pose(*seen);
   const bool begins = doing_ == Doing::kReset || environment_.awaits_goal();
   if (goal_ && seen && begins && nearest(seen->place) == *goal_) {
-    robot_->tell("arrived " + std::to_string(*goal_));  // it stands there
+    robot_->publish_status("arrived " + std::to_string(*goal_));  // it stands there
     goal_.reset();
     if (doing_ == Doing::kStep) {
       doing_ = Doing::kAwaitGoal;
@@ -73,7 +73,7 @@ bool LiveSteps::advance(Clock::time_point now) {
 /// Does in the environment what the robot has done.
 void LiveSteps::finish() {
   bool began = environment_.awaits_goal();
-  environment_.send_to(goal_);
+  environment_.set_next_goal(goal_);
   if (std::exchange(doing_, Doing::kNothing) == Doing::kReset) {
     environment_.reset(settings_);
     began = true;
@@ -81,8 +81,8 @@ void LiveSteps::finish() {
     environment_.step(actions_);
   }
   if (!environment_.is_sent()) goal_.reset();
-  environment_.send_to(std::nullopt);
-  if (robot_->hears_goals()) tell(began);
+  environment_.set_next_goal(std::nullopt);
+  if (robot_->has_goal_topic()) publish_progress(began);
 }
 
 /// Hears where the robot is sent.
@@ -94,7 +94,7 @@ void LiveSteps::take_goals() {
       continue;
     }
     const int goal = nearest(sent);
-    if (goal_ && *goal_ != goal) robot_->tell_once("replaced " + std::to_string(*goal_));
+    if (goal_ && *goal_ != goal) robot_->publish_status_once("replaced " + std::to_string(*goal_));
     const bool under_way = !resets && !environment_.awaits_goal() && environment_.goal(0) == goal;
     goal_ = under_way ? std::nullopt : std::optional(goal);
   }
@@ -107,16 +107,16 @@ int LiveSteps::nearest(int place) const {
 }
 
 /// Tells what became of the robot's goals. `began`: where an episode is under way, it has just begun.
-void LiveSteps::tell(bool began) {
+void LiveSteps::publish_progress(bool began) {
   for (const Environment::Episode& episode : environment_.finished()) {
     const bool out_of_steps = episode.steps >= static_cast<int>(settings_.max_steps());
     const char* end = episode.completed ? "arrived " : out_of_steps ? "failed " : "replaced ";
-    robot_->tell(end + std::to_string(episode.goal));
+    robot_->publish_status(end + std::to_string(episode.goal));
   }
   if (environment_.awaits_goal())
-    robot_->tell("waiting");
+    robot_->publish_status("waiting");
   else if (!environment_.done() && (began || !environment_.finished().empty()))
-    robot_->tell("driving " + std::to_string(environment_.goal(0)));
+    robot_->publish_status("driving " + std::to_string(environment_.goal(0)));
 }
 
 }  // namespace citylearn

@@ -30,10 +30,10 @@ class LiveSteps {
   /// Returns true when what has begun is done: the environment then shows what the robot sees.
   bool advance(Clock::time_point now);
   bool busy() const { return doing_ != Doing::kNothing; }
-  /// Returns whether the robot stands until somebody sends it to a goal.
+  /// Returns whether the robot stands until it gets a goal.
   bool awaits_goal() const { return doing_ == Doing::kAwaitGoal; }
   Clock::time_point due() const { return robot_->due(); }
-  /// What the robot waits for, as Robot::trouble().
+  /// Returns Robot::trouble(): what the robot waits for.
   std::string trouble(Clock::time_point now) const { return robot_->trouble(now); }
 
  private:
@@ -42,14 +42,14 @@ class LiveSteps {
   void take_goals();
   int nearest(int place) const;
   void finish();
-  void tell(bool began);
+  void publish_progress(bool began);
 
   Environment& environment_;
   const std::unique_ptr<Robot> robot_;
   Doing doing_ = Doing::kNothing;
   msg::TaskSettings settings_;         // of the reset
   std::vector<std::uint8_t> actions_;  // of the step
-  bool driven_ = false;                // somebody lets it drive
+  bool driven_ = false;                // a policy_service lets it drive
   std::optional<int> goal_;            // to which it was sent, while no episode has begun for it
 };
 

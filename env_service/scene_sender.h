@@ -12,8 +12,7 @@ class SceneSender {
   /// Both must outlive it.
   SceneSender(Node& node, const Environment& environment) : node_(node), environment_(environment) {}
 
-  /// Publishes a scene when one is due and somebody watches. `settings`: those by which the agents act; null: they do
-  /// nothing.
+  /// Publishes a scene when one is due and watched. `settings`: those of the agents' episodes; null: they do nothing.
   void send(Clock::time_point now, const msg::TraversalInfo& info, const msg::TaskSettings* settings);
 
  private:

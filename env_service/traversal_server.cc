@@ -18,7 +18,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint32_t kWhole = std::numeric_limits<std::uint32_t>::max();  // all chunks
+constexpr std::uint32_t kAllChunks = std::numeric_limits<std::uint32_t>::max();  // all chunks
 
 }  // namespace
 
@@ -31,8 +31,8 @@ TraversalServer::TraversalServer(Node& node, const Environment& environment)
 msg::TraversalInfo TraversalServer::info() const {
   if (const std::string problem = name_problem(traversal_.name); !problem.empty())
     throw Error(problem, "name of the traversal");
-  if (traversal_.condition.size() > kLongestName)
-    throw Error("has more than " + std::to_string(kLongestName) + " characters: " + traversal_.condition,
+  if (traversal_.condition.size() > kMaxNameLength)
+    throw Error("has more than " + std::to_string(kMaxNameLength) + " characters: " + traversal_.condition,
                 "condition of the traversal");
   msg::TraversalInfo info;
   info.dataset() = traversal_.dataset.c_str();
@@ -100,8 +100,9 @@ void TraversalServer::note(const msg::ImageRequest& request) {
     }
     if (const auto sent = sent_.find({service, frame}); sent != sent_.end())
       wanted.first_chunk = std::max(wanted.first_chunk, sent->second.next_chunk);
-    if (wanted.first_chunk == kWhole || std::any_of(order.pictures.begin(), order.pictures.end(),
-                                                    [&](const WantedPicture& other) { return other.frame == frame; }))
+    if (wanted.first_chunk == kAllChunks ||
+        std::any_of(order.pictures.begin(), order.pictures.end(),
+                    [&](const WantedPicture& other) { return other.frame == frame; }))
       continue;
     order.pictures.push_back(wanted);
     more = true;
@@ -137,7 +138,7 @@ void TraversalServer::send_picture(const std::string& service, PictureOrder& ord
     if (!data.empty()) std::memcpy(image_chunk_.data().data(), data.data(), data.size());
     node_.publish(image_chunk_);
   }
-  sent_[{service, wanted.frame}] = {Clock::now(), end == chunks ? kWhole : end};
+  sent_[{service, wanted.frame}] = {Clock::now(), end == chunks ? kAllChunks : end};
   order.most_chunks -= end - first;
   if (end < chunks || order.most_chunks == 0) order.pictures.clear();
 }

@@ -35,7 +35,7 @@ class TraversalServer {
   struct WantedPicture {
     std::uint32_t frame, first_chunk;
   };
-  /// What one service asked for.
+  /// The pictures that one service asked for.
   struct PictureOrder {
     std::deque<WantedPicture> pictures;
     std::uint32_t most_chunks = 0;  // that it expects

@@ -33,7 +33,7 @@ class Struct:
     def enumerator(self):
         """The enumerator of Addressing (core/wire/messages.h)."""
         note, argument = self.addressing
-        return {"": "kAll", "to": "kReceiver", "from": "kSenderAndAll" if argument else "kSender"}[note]
+        return {"": "kSharedTopic", "to": "kReceiver", "from": "kSenderAndAll" if argument else "kSender"}[note]
 
     def receiver(self):
         """The expression for the id of the service that it is sent to."""

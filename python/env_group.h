@@ -16,7 +16,7 @@
 
 namespace citylearn::python {
 
-/// Where the observations of B agents go: memory of numpy arrays, row-major.
+/// Memory of numpy arrays, row-major, that receives the observations of B agents.
 struct Batch {
   float* features;                ///< B x D
   std::int64_t* goal;             ///< B, place on the route
@@ -27,7 +27,7 @@ struct Batch {
   std::uint8_t* flags;            ///< B, FLAG_*
 };
 
-/// What agents do: go along frames first_frame .. first_frame + frames - 1 of a traversal.
+/// The route of the agents: frames first_frame .. first_frame + frames - 1 of a traversal.
 struct Route {
   int first_frame = 0, frames = 2, max_steps = 2;
   bool shuffle = false;  ///< frames are shown in a random order

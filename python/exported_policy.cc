@@ -12,7 +12,7 @@
 namespace citylearn::python {
 namespace {
 
-constexpr std::uint64_t kLargestModel = std::uint64_t{1} << 31;
+constexpr std::uint64_t kMaxModelBytes = std::uint64_t{1} << 31;
 constexpr auto kColumns = EvaluatedTasks::kColumns;
 
 /// Draws the actions that NetworkPolicy draws, from the model's logits.
@@ -97,7 +97,7 @@ class OnnxPolicy : public Policy {
 
 }  // namespace
 
-ExportedPolicy::ExportedPolicy(const std::string& path) : model(read_model_file(path, kLargestModel)) {
+ExportedPolicy::ExportedPolicy(const std::string& path) : model(read_model_file(path, kMaxModelBytes)) {
   const OnnxFile file = read_onnx(model, path);
   const auto number = [&](const std::string& key) {
     const auto found = file.metadata.find(key);

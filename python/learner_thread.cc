@@ -15,7 +15,7 @@
 
 namespace citylearn::python {
 
-/// What the two threads tell each other.
+/// The data that the two threads exchange.
 struct LearnerThread::Exchange {
   struct Answer {
     Vector<float> parameters;
@@ -114,7 +114,7 @@ LearnerThread::~LearnerThread() {
 /// Waits until done(), which is called under the lock.
 void LearnerThread::wait(const Interrupt& interrupt, const std::function<bool()>& done) const {
   std::unique_lock lock(exchange_->mutex);
-  while (!exchange_->changed.wait_for(lock, kStopCheck, done)) {
+  while (!exchange_->changed.wait_for(lock, kStopCheckInterval, done)) {
     lock.unlock();
     interrupt();
     lock.lock();
@@ -150,7 +150,7 @@ void LearnerThread::run() {
         x.progress = training.trainer()->progress();
         x.changed.notify_all();
       }
-      x.changed.wait_for(lock, kStopCheck, [&x] { return x.answer || x.stop; });
+      x.changed.wait_for(lock, kStopCheckInterval, [&x] { return x.answer || x.stop; });
       return x.answer.has_value();
     };
     bool dismiss = true;

@@ -102,7 +102,7 @@ class Envs {
   py::tuple receive() {
     {
       const py::gil_scoped_release no_gil;
-      while (done_.wait_for(kStopCheck) != std::future_status::ready) check_signals();
+      while (done_.wait_for(kStopCheckInterval) != std::future_status::ready) check_signals();
       done_.get();
     }
     const Columns columns = std::move(*pending_);

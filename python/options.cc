@@ -21,7 +21,7 @@
 namespace citylearn::python {
 namespace {
 
-constexpr std::uint64_t kWithoutEnd = 1'000'000'000'000;  // steps, the most that a trainer takes
+constexpr std::uint64_t kUnlimitedSteps = 1'000'000'000'000;  // steps, the most that a trainer takes
 
 const std::string kGroup = "Options";  // one without a name hides options' names in messages
 
@@ -168,7 +168,7 @@ PolicyServiceOptions read_learner_options(const Keywords& keywords) {
   add_parameters(app, network.name, network.parameters, options.network_parameters);
   add_parameters(app, "trainer", Trainer::parameter_specs(), options.trainer_parameters);
   parse(app, keywords);
-  if (options.steps == 0 && !options.trainer_parameters.contains("steps")) options.steps = kWithoutEnd;
+  if (options.steps == 0 && !options.trainer_parameters.contains("steps")) options.steps = kUnlimitedSteps;
   options.configuration = option_values(app, 0, nullptr);
   return checked_options(options);
 }

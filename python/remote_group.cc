@@ -84,7 +84,7 @@ class RemoteGroup : public EnvGroup {
           throw ServiceMissing(
               (env->alive() ? "has not answered for " : "has been silent for ") + seconds_text(options_.wait),
               "env_service '" + env->id + "'", "start it again, then call reset()");
-        client_.spin(Clock::now() + kStopCheck);
+        client_.spin(Clock::now() + kStopCheckInterval);
         interrupt();
       }
     std::size_t row = 0;
@@ -120,7 +120,7 @@ class RemoteGroup : public EnvGroup {
                              "",
                              "same session '" + options_.node.session + "', domain " +
                                  std::to_string(options_.node.middleware.domain) + " and interface there?");
-      client_.spin(Clock::now() + kStopCheck);
+      client_.spin(Clock::now() + kStopCheckInterval);
       interrupt();
     }
     envs_.resize(static_cast<std::size_t>(options_.services));

@@ -10,9 +10,9 @@ using namespace citylearn::testing;
 using std::chrono::seconds;
 
 constexpr int kPhases = 6;
-constexpr seconds kPhase{2}, kPatience{60};
+constexpr seconds kPhase{2}, kWaitTimeout{60};
 
-/// Steps trained up to now, and the seconds of training at the last of them.
+/// Returns the steps trained up to now, and the seconds of training at the last of them.
 std::pair<double, double> progress(const std::string& folder) {
   const std::string text = contents(folder + "/metrics.csv");
   const std::vector<std::string> rows = lines_of(text.substr(0, text.rfind('\n') + 1));
@@ -39,7 +39,7 @@ void compare(const std::string& middleware, int percent) {
                             {CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--environments", "4", "--steps",
                              "1000000000", "--output", folder / "out"},
                             "policy", Hosts::address(1) + "," + Hosts::address(2));
-  if (!poll_until([&] { return progress(folder / "out").first > 0; }, kPatience))
+  if (!poll_until([&] { return progress(folder / "out").first > 0; }, kWaitTimeout))
     throw Error("does not train:\n" + policy->output());
   double steps[2] = {0, 0}, time[2] = {0, 0};
   for (int phase = 0; phase < kPhases; ++phase) {

@@ -107,7 +107,7 @@ void wait_for(const std::function<bool()>& condition) {
   }
 }
 
-/// Share of a core that a bare loop needs to write the same bytes to as many sockets.
+/// Returns the share of a core that a bare loop needs to write the same bytes to as many sockets.
 double bare_share(int clients, std::chrono::seconds duration) {
   std::vector<int> ours, theirs;
   for (int i = 0; i < clients; ++i) {

@@ -11,7 +11,7 @@
 
 namespace roundtrip {
 
-/// How samples are received: in the vendor's listener, or by a thread of ours that waits on the vendor's waitset.
+/// Says how samples are received: in the vendor's listener, or by a thread of ours that waits on the vendor's waitset.
 enum class Mode { kListener, kWaitset };
 
 /// One end of the exchange: writes samples of one fixed size, calls `received` with those of the other. Each sample is

@@ -28,7 +28,7 @@ const char* const kConfig =
     "<SocketSendBufferSize max=\"4MB\"/><Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks>"
     "</Internal>";
 
-/// What idlc writes for `@final struct NAME { octet bytes[SIZE]; };`
+/// The type description that idlc writes for `@final struct NAME { octet bytes[SIZE]; };`
 struct Description {
   Description(std::string type, std::size_t size)
       : name(std::move(type)),

@@ -30,7 +30,7 @@ using std::chrono::seconds;
 
 constexpr int kWindows = 5;
 constexpr std::uint32_t kDomain = 43;
-constexpr seconds kPatience{90};
+constexpr seconds kWaitTimeout{90};
 
 /// Set by a signal, so that the hosts are removed before the program ends.
 volatile std::sig_atomic_t stop = 0;
@@ -196,7 +196,7 @@ class Scene {
   }
   template <class Condition>
   void until(const Condition& condition, const std::string& trouble) {
-    const Clock::time_point deadline = Clock::now() + kPatience;
+    const Clock::time_point deadline = Clock::now() + kWaitTimeout;
     while (!condition()) {
       if (Clock::now() > deadline) {
         std::string logs;
@@ -204,7 +204,7 @@ class Scene {
           const std::string log = service->output();
           logs += "\n" + id + ": " + log.substr(log.size() > 300 ? log.size() - 300 : 0);
         }
-        throw Error(trouble + " within " + std::to_string(kPatience.count()) + " s" + logs, describe(case_));
+        throw Error(trouble + " within " + std::to_string(kWaitTimeout.count()) + " s" + logs, describe(case_));
       }
       spin(Clock::now() + milliseconds(5));
     }
@@ -225,8 +225,8 @@ std::string kind_of(const std::string& id) {
   return kind == "policy" ? "learner" : kind;
 }
 
-/// What one kind of service used in one phase: the mean of its services and the median of the windows, per step of one
-/// agent or per second.
+/// Resources that one kind of service used in one phase: the mean of its services and the median of the windows, per
+/// step of one agent or per second.
 struct Row {
   std::string phase, kind;
   int count = 0;

@@ -13,7 +13,7 @@
 namespace citylearn::scale {
 namespace {
 
-/// Of /proc/net/snmp: a line of names, then one of numbers.
+/// Returns a counter of /proc/net/snmp, where a line of numbers follows a line of names.
 double snmp(const std::string& text, const std::string& protocol, const std::string& wanted) {
   std::istringstream lines(text);
   std::string names, numbers;

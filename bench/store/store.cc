@@ -71,8 +71,7 @@ void recording(const std::string& folder, std::uint64_t total) {
   }
 }
 
-/// Returns the episodes per second of an env_service with many unrecorded ones; as many are sent ahead as a writer
-/// keeps.
+/// Returns the episodes per second of an env_service with many unrecorded ones. A writer's depth of them is sent ahead.
 double catching_up(const std::string& folder, const std::string& middleware, std::uint64_t total) {
   const auto node_options = [&](const std::string& service, const std::string& id) {
     Node::Options options;

@@ -233,7 +233,7 @@ class BareProducts {
       sensor_gradient_;
 };
 
-/// What a learner's update costs beside the bare matrix products in it, both on two threads.
+/// Compares the time of a learner's update with that of its matrix products alone, both on two threads.
 void updates(const Options& options) {
   constexpr int kDimension = 64, kAgents = 32, kSteps = 64;
   for (const int cells : {256, 64}) {

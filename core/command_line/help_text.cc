@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kColumn = 26;  // where explanations begin
 
-/// What an option takes: how its value is written, and what CLI11's checks allow.
+/// The value of an option: how it is written, and what CLI11's checks allow.
 struct Value {
   std::string written, allowed;
 };

@@ -14,10 +14,10 @@ namespace citylearn {
 namespace {
 
 constexpr auto kReported =
-    std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was told
+    std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was reported
 
 /// A process that floods a domain with participants is reported this often, and costs no more memory.
-constexpr std::size_t kMostStrangers = 1000;
+constexpr std::size_t kMaxStrangers = 1000;
 
 std::string quoted(const std::string& name) { return name.empty() ? "an unnamed participant" : "'" + name + "'"; }
 
@@ -123,7 +123,7 @@ std::vector<std::string> DiscoveryMonitor::faults() {
                       "tells more)");
       expected.until = kReported;
     }
-    // Those that were told are looked at again when a participant is found.
+    // Those that were reported are looked at again when a participant is found.
     if (expected.until != kReported) expecting_ = true;
     ++item;
   }
@@ -134,12 +134,12 @@ void DiscoveryMonitor::report_strangers(std::vector<std::string>& lines) {
   const Clock::time_point now = Clock::now();
   unreported_strangers_ = false;
   for (auto& [key, stranger] : strangers_) {
-    if (stranger.told) continue;
+    if (stranger.reported) continue;
     if (now < stranger.until && !stranger.gone) {
       unreported_strangers_ = true;
       continue;
     }
-    stranger.told = true;
+    stranger.reported = true;
     lines.push_back(
         "security: " + stranger.who +
         ": has shown no identity that is trusted here, and is kept out (docs/how-to/secure-a-run.md tells why that "
@@ -156,9 +156,10 @@ void DiscoveryMonitor::participant_found(const std::string& key, const Participa
   found.name = one_line(found.name);  // others choose their names freely, and these go into our log
   const auto known = [&](const auto& endpoint) { return endpoint.second.participant == key; };
   if (!identity_required_ || std::any_of(endpoints_.begin(), endpoints_.end(), known)) return;
-  if (strangers_.size() >= kMostStrangers) std::erase_if(strangers_, [](const auto& item) { return item.second.told; });
-  if (strangers_.size() >= kMostStrangers) return;
-  strangers_.try_emplace(key, Stranger{describe(found), Clock::now() + kIdentified}).first->second.gone = false;
+  if (strangers_.size() >= kMaxStrangers)
+    std::erase_if(strangers_, [](const auto& item) { return item.second.reported; });
+  if (strangers_.size() >= kMaxStrangers) return;
+  strangers_.try_emplace(key, Stranger{describe(found), Clock::now() + kIdentityTimeout}).first->second.gone = false;
   unreported_strangers_ = true;
 }
 
@@ -176,7 +177,7 @@ void DiscoveryMonitor::endpoint_found(const std::string& key, const std::string&
   if (endpoints_.try_emplace(key, Remote{participant, writes, one_line(topic), one_line(type), qos}).second)
     changed_ = true;
   if (const auto stranger = strangers_.find(participant); stranger != strangers_.end()) {
-    if (stranger->second.told)
+    if (stranger->second.reported)
       spdlog::info("security: {}: has shown a trusted identity after all", stranger->second.who);
     strangers_.erase(stranger);
   }
@@ -202,7 +203,7 @@ void DiscoveryMonitor::register_local_topic(const Topic& topic, bool writes) {
 
 void DiscoveryMonitor::expect_peer(const std::string& peer, const std::string& address) {
   std::lock_guard lock(mutex_);
-  expected_.try_emplace(address, Expected{peer, Clock::now() + kPatience});
+  expected_.try_emplace(address, Expected{peer, Clock::now() + kPeerTimeout});
   expecting_ = true;
 }
 

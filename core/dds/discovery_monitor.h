@@ -13,8 +13,8 @@ namespace citylearn {
 
 struct Topic;
 
-/// What of the quality of service of a writer and a reader decides whether they match. By default that of our own
-/// endpoints. Enumerators are those of DDS; durations are seconds, and kForever or more is infinite.
+/// The part of the quality of service that decides whether a writer and a reader match. The defaults are those of our
+/// own endpoints. Enumerators have DDS's values. Durations are seconds; kForever or more is infinite.
 struct EndpointQos {
   static constexpr double kForever = 1e9;
   bool reliable = true;
@@ -48,16 +48,16 @@ class DiscoveryMonitor {
 
   /// Returns what went wrong since the last call, a line each: "topic X: Y publishes type A, expected B", "topic X: Y
   /// publishes VOLATILE, expected TRANSIENT_LOCAL", or a peer at whose address no participant was discovered for
-  /// kPatience.
+  /// kPeerTimeout.
   std::vector<std::string> faults();
-  static constexpr std::chrono::seconds kPatience{4};
-  /// Returns those lines of all calls of faults() that tell of other types. Waiting does not mend them: peers may still
-  /// come, and a program with another quality of service may have nothing to do with us.
+  static constexpr std::chrono::seconds kPeerTimeout{4};
+  /// Returns the lines of all calls of faults() that report a wrong type. Waiting does not mend those. Other faults may
+  /// pass: peers may still come, and a program with another quality of service may have nothing to do with us.
   std::vector<std::string> wrong_types();
 
-  /// With DDS Security, a participant without a known endpoint for so long has shown no trusted identity. faults()
-  /// reports each once.
-  static constexpr std::chrono::seconds kIdentified{5};
+  /// With DDS Security, a participant that has no known endpoint after this time has shown no trusted identity.
+  /// faults() reports each once.
+  static constexpr std::chrono::seconds kIdentityTimeout{5};
 
   // The middleware calls these. Keys identify participants and endpoints for good (a GUID in any form).
 
@@ -68,7 +68,7 @@ class DiscoveryMonitor {
   void endpoint_lost(const std::string& key);
   /// Registers a topic that this process writes or reads. Throws Error when it was registered with another type.
   void register_local_topic(const Topic& topic, bool writes);
-  /// From here on reports participants whose endpoints stay unknown (security encrypts them) as untrusted.
+  /// Makes faults() report participants whose endpoints stay unknown (security encrypts them) as untrusted from now on.
   void require_identity();
   /// Reports a fault when no participant is discovered at this IPv4 address; `peer` is what the user wrote.
   void expect_peer(const std::string& peer, const std::string& address);
@@ -99,17 +99,17 @@ class DiscoveryMonitor {
   std::map<std::string, Remote> endpoints_;
   std::map<std::string, Local> local_topics_;
   std::vector<std::string> wrong_types_;
-  std::map<std::string, Expected> expected_;  // address -> not heard yet, not told yet
+  std::map<std::string, Expected> expected_;  // address -> not heard yet, not reported yet
   std::atomic<bool> changed_{false};
   std::atomic<bool> expecting_{false};
   struct Stranger {
     std::string who;
-    Clock::time_point until;  // then it is told
-    bool told = false, gone = false;
+    Clock::time_point until;  // when it is reported
+    bool reported = false, gone = false;
   };
   std::map<std::string, Stranger> strangers_;  // key
   std::atomic<bool> identity_required_{false};
-  std::atomic<bool> unreported_strangers_{false};  // some are not told yet
+  std::atomic<bool> unreported_strangers_{false};  // some are not reported yet
 };
 
 }  // namespace citylearn

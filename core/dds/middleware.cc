@@ -28,10 +28,11 @@ namespace internal {
 
 namespace {
 
-/// Several round trips on loopback, but little against the time in which nothing comes.
-constexpr std::chrono::microseconds kLook{100};
+/// The time that wait() spins before it sleeps: several round trips on loopback, but little compared with a usual
+/// pause.
+constexpr std::chrono::microseconds kSpinTime{100};
 
-/// Bytes that an interface sends in one packet.
+/// Returns the bytes that an interface sends in one packet.
 int packet_size(const char* name) {
   ifreq request{};
   std::snprintf(request.ifr_name, sizeof request.ifr_name, "%s", name);
@@ -72,8 +73,8 @@ bool Wakeup::any_raised() const {
 }
 
 void Wakeup::wake() {
-  // The flag was raised before this look at asleep_, and wait() sets asleep_ before its last look at the flags: one of
-  // the two sees the other (all of these are sequentially consistent).
+  // The flag was raised before asleep_ is read here, and wait() sets asleep_ before it reads the flags a last time: one
+  // of the two sees the other (all of these are sequentially consistent).
   if (!asleep_) return;
   // Empty on purpose: a waiting thread is now either before its last look at the flags, or asleep and to be woken.
   { std::lock_guard lock(mutex_); }
@@ -91,7 +92,7 @@ bool Wakeup::look(Clock::time_point deadline) const {
 bool Wakeup::wait(Clock::time_point deadline) {
   if (any_raised()) return true;
   const Clock::time_point begin = Clock::now();
-  const Clock::time_point patience = begin + kLook;
+  const Clock::time_point patience = begin + kSpinTime;
   if (look_first_ && look(std::min(deadline, patience))) return true;
   std::unique_lock lock(mutex_);
   asleep_ = true;
@@ -159,12 +160,12 @@ namespace {
 
 using internal::Network;
 
-constexpr int kLargestDatagram = 65500;  // UDP over IPv4 has room for 65507
-constexpr int kHeaders = 28;             // of IPv4 and UDP
+constexpr int kMaxDatagram = 65500;  // UDP over IPv4 has room for 65507
+constexpr int kHeaders = 28;         // of IPv4 and UDP
 
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
 
-/// The interface given by name or by IPv4 address.
+/// Returns the interface given by name or by IPv4 address.
 internal::Interface resolve_interface(const std::string& wanted) {
   std::string known;
   for (const internal::Interface& each : internal::interfaces()) {
@@ -205,7 +206,7 @@ std::vector<Network::Peer> resolve_peer(const std::string& peer, const std::stri
 /// costs its timeout once instead of once for each name.
 std::vector<std::vector<Network::Peer>> resolve_peers(const std::vector<std::string>& peers, const std::string& option,
                                                       int standard) {
-  constexpr std::size_t kAtOnce = 32;
+  constexpr std::size_t kMaxLookups = 32;
   std::vector<std::packaged_task<std::vector<Network::Peer>()>> lookups;
   for (const std::string& peer : peers) lookups.emplace_back([&] { return resolve_peer(peer, option, standard); });
   std::atomic<std::size_t> next{0};
@@ -213,7 +214,7 @@ std::vector<std::vector<Network::Peer>> resolve_peers(const std::vector<std::str
     for (std::size_t i = next++; i < lookups.size(); i = next++) lookups[i]();
   };
   std::vector<std::jthread> helpers;
-  for (std::size_t i = 1; i < std::min(kAtOnce, lookups.size()); ++i) helpers.emplace_back(work);
+  for (std::size_t i = 1; i < std::min(kMaxLookups, lookups.size()); ++i) helpers.emplace_back(work);
   work();
   helpers.clear();
   std::vector<std::vector<Network::Peer>> found;
@@ -250,9 +251,9 @@ void use_all_interfaces(Network& network) {
 }
 
 Network resolve(const MiddlewareOptions& options) {
-  Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, ""};
-  if (!options.security.empty() && options.domain > internal::kMostSecureDomain)
-    throw Error("must be 0.." + std::to_string(internal::kMostSecureDomain) + " with --security", "domain");
+  Network network{options.domain, options.participant, "", {}, false, kMaxDatagram, {}, {}, ""};
+  if (!options.security.empty() && options.domain > internal::kMaxSecureDomain)
+    throw Error("must be 0.." + std::to_string(internal::kMaxSecureDomain) + " with --security", "domain");
   if (!options.security.empty()) network.security = internal::check_security(options.security, options.participant);
   network.multicast = options.multicast;
   options.multicast ? use_all_interfaces(network) : use_named_interfaces(options, network);

@@ -14,15 +14,15 @@
 
 namespace citylearn {
 
-/// Named quality of service. All are RELIABLE and KEEP_LAST, and all but those for ROS 2 are TRANSIENT_LOCAL: what ran
-/// without loss in every pairing of the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer
-/// keeps for late or slow readers.
+/// Named quality of service. All are RELIABLE and KEEP_LAST; all but those for ROS 2 are TRANSIENT_LOCAL. With these no
+/// pairing of the vendors lost a sample (docs/decisions/0002-qos.md). They differ in their depth: how many samples a
+/// writer keeps for late or slow readers.
 enum class Profile {
-  kState,         ///< the newest alone counts: 1
-  kCommand,       ///< requests and settings: 64
-  kDurable,       ///< chunks and records: 256
-  kRos2,          ///< for ROS 2: VOLATILE, 10; subscriptions are BEST_EFFORT, which all of its publishers suit
-  kRos2Reliable,  ///< likewise, but subscriptions are RELIABLE, as the publishers they hear have to be
+  kState,         ///< depth 1: only the newest counts
+  kCommand,       ///< depth 64: requests and settings
+  kDurable,       ///< depth 256: chunks and records
+  kRos2,          ///< for ROS 2: VOLATILE, depth 10; subscriptions are BEST_EFFORT, which match any publisher
+  kRos2Reliable,  ///< the same, but subscriptions are RELIABLE and match only RELIABLE publishers
 };
 
 /// Everything a vendor needs to know about a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the
@@ -44,8 +44,8 @@ class Publisher {
   virtual void publish(std::span<const std::byte> sample) = 0;
   /// Returns the number of subscriptions that match now.
   virtual int matched() const = 0;
-  /// Waits until they have all that was published, at most until the deadline. For vendors whose publishers resend
-  /// nothing once destroyed; others need not override it.
+  /// Waits until the subscriptions have all samples, at most until the deadline. Only vendors whose publishers resend
+  /// nothing once destroyed override it.
   virtual void wait_for_acknowledgments(Clock::time_point) {}
 };
 
@@ -53,7 +53,7 @@ class Publisher {
 class Subscription {
  public:
   virtual ~Subscription() = default;
-  /// Takes the next sample into `sample` (its capacity is used again); false when there is none.
+  /// Takes the next sample into `sample` (its capacity is reused). Returns false when there is none.
   virtual bool take(Bytes& sample) = 0;
   /// Returns the number of publishers that match now.
   virtual int matched() const = 0;
@@ -69,17 +69,17 @@ class Middleware {
   virtual bool wait(Clock::time_point deadline) = 0;
   /// Returns the participants and endpoints discovered up to now.
   virtual DiscoveryMonitor& discovery() = 0;
-  /// "fastdds", "cyclonedds", "inprocess"; decorators put their own name in front: "lossy:fastdds".
+  /// Returns "fastdds", "cyclonedds" or "inprocess"; decorators put their own name in front: "lossy:fastdds".
   virtual std::string name() const = 0;
 };
 
 struct MiddlewareOptions {
-  std::string name = "cyclonedds";  ///< strictly this one: unknown or failing is an Error, never another one
-  std::uint32_t domain = 0;         ///< 0..232
+  std::string name = "cyclonedds";               ///< an unknown or failing one is an Error; no other one replaces it
+  std::uint32_t domain = 0;                      ///< 0..232
   std::vector<std::string> interfaces = {"lo"};  ///< the only ones used, by name or IPv4 address; "lo": this machine
-  bool multicast = false;          ///< instead of `interfaces`: those that the vendor chooses, and others are found by
-                                   ///< multicast, as nodes of ROS 2 do it by default
-  std::vector<std::string> peers;  ///< hosts (or host:port) asked for participants beside this machine's own
+  bool multicast = false;          ///< uses the interfaces that the vendor chooses instead, and finds others by
+                                   ///< multicast, as ROS 2 does by default
+  std::vector<std::string> peers;  ///< hosts (or host:port) on which to look for participants, beside this machine
   std::vector<std::string> discovery_servers;  ///< host[:port], instead of asking peers; fastdds only
   std::string security;     ///< folder with this service's keys (docs/how-to/secure-a-run.md); empty: none
   std::string participant;  ///< name shown to other participants
@@ -91,7 +91,7 @@ struct MiddlewareOptions {
 /// that cannot start.
 std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options);
 
-/// Names accepted by create_middleware, decorators excluded, each with a line of help.
+/// Returns the names accepted by create_middleware, decorators excluded, each with a line of help.
 std::vector<std::pair<std::string, std::string>> list_middlewares();
 
 }  // namespace citylearn

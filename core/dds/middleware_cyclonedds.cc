@@ -24,7 +24,7 @@ using ListenerOwner = std::unique_ptr<dds_listener_t, decltype(&dds_delete_liste
 
 QosOwner make_qos() { return {dds_create_qos(), dds_delete_qos}; }
 
-/// Entity, or Error.
+/// Returns the entity, or throws Error.
 dds_entity_t require(dds_entity_t entity, const std::string& what, const std::string& where) {
   if (entity < 0) throw Error("cyclonedds cannot " + what + ": " + dds_strretcode(-entity), where);
   return entity;
@@ -46,25 +46,25 @@ void forward_log(void*, const dds_log_data_t* data) {
   last_complaint = line;
 }
 
-/// Headers that stand around a fragment in a message, at most.
-constexpr int kAroundFragment = 128;
+/// The most bytes that headers around a fragment take in a message.
+constexpr int kFragmentHeaders = 128;
 
-/// Hosts that were cut off find each other again this soon: Cyclone announces at 0.8 of its lease of 10 s otherwise.
-const char* const kFoundAgain = "<SPDPInterval>1s</SPDPInterval>";
+/// Lets hosts that were cut off find each other again within a second: Cyclone's default is 0.8 of its lease of 10 s.
+const char* const kDiscoveryInterval = "<SPDPInterval>1s</SPDPInterval>";
 
-/// Packets get lost between hosts. A writer's heartbeat is what tells of it, and a step waits for it; the defaults
-/// (after 100 ms, and as long until the request) make each lost packet cost 200 ms.
-const char* const kRepairs =
+/// Packets get lost between hosts. A reader notices at the writer's next heartbeat, and a step waits for that. With the
+/// defaults (a heartbeat after 100 ms, as long until the request) each lost packet costs 200 ms.
+const char* const kRepairIntervals =
     "<HeartbeatInterval min=\"1ms\" minsched=\"1ms\" max=\"1s\">1ms</HeartbeatInterval><NackDelay>0s</NackDelay>"
     "<AckDelay>0s</AckDelay>";
 
-/// On loopback nothing is lost but what reaches a participant before it knows the sender, as the first words on readers
-/// and writers do. With the defaults a service that starts waits 100 ms for each of them.
-const char* const kFirstWords =
+/// On loopback only messages that reach a participant before it knows their sender are lost, as the first ones about
+/// readers and writers are. With the defaults a service that starts waits 100 ms for each of them.
+const char* const kLoopbackRepairIntervals =
     "<HeartbeatInterval min=\"5ms\" minsched=\"5ms\" max=\"1s\">5ms</HeartbeatInterval><NackDelay>0s</NackDelay>";
 
-/// Lets others know what is deleted: Fast DDS looks up an endpoint that goes by this hash alone.
-const char* const kTellDeleted = "<GenerateKeyhash>true</GenerateKeyhash>";
+/// Tells others which endpoint was deleted: Fast DDS finds it by this hash alone.
+const char* const kDeletedKeyhash = "<GenerateKeyhash>true</GenerateKeyhash>";
 
 std::string config_of(const Network& network) {
   std::string interfaces, peers;
@@ -77,17 +77,17 @@ std::string config_of(const Network& network) {
   // Cyclone DDS does not multicast on loopback, so where there is nothing else it asks this host.
   if (network.multicast)
     return "<Discovery>" + index + "<Peers><Peer address=\"localhost\"/>" + peers + "</Peers></Discovery><Internal>" +
-           kTellDeleted + "</Internal>";
-  const int fragment = network.loopback_only ? 64000 : network.datagram - kAroundFragment;
+           kDeletedKeyhash + "</Internal>";
+  const int fragment = network.loopback_only ? 64000 : network.datagram - kFragmentHeaders;
   // A smaller send buffer than asked for is not a failure, so only the upper bound of the socket buffers is set. The
   // watermarks are above what the deepest history holds: a writer never waits for a reader.
   return "<General><Interfaces>" + interfaces + "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>" +
          std::to_string(network.datagram) + "B</MaxMessageSize><FragmentSize>" + std::to_string(fragment) +
          "B</FragmentSize></General>"
          "<Discovery>" +
-         index + "<Peers>" + peers + "</Peers>" + (network.loopback_only ? "" : kFoundAgain) +
+         index + "<Peers>" + peers + "</Peers>" + (network.loopback_only ? "" : kDiscoveryInterval) +
          "</Discovery><Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>" +
-         kTellDeleted + (network.loopback_only ? kFirstWords : kRepairs) +
+         kDeletedKeyhash + (network.loopback_only ? kLoopbackRepairIntervals : kRepairIntervals) +
          "<Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks></Internal>";
 }
 
@@ -248,7 +248,7 @@ class CycloneSubscription : public Subscription {
 
 std::string text_of(const dds_guid_t& guid) { return {reinterpret_cast<const char*>(guid.v), sizeof guid.v}; }
 
-/// Type of what a built-in reader reads, once it has read something: this participant itself, at least.
+/// Returns the type of what a built-in reader reads, once it has read something: this participant itself, at least.
 const ddsi_sertype* type_of(dds_entity_t reader) {
   ddsi_serdata* data = nullptr;
   dds_sample_info_t info;
@@ -270,7 +270,7 @@ void take_all(dds_entity_t reader, Visit visit) {
   }
 }
 
-/// Of a built-in sample, in which Cyclone DDS has filled in the defaults of what was left out.
+/// Returns the quality of service of a discovered endpoint. Cyclone DDS has filled in the defaults.
 EndpointQos qos_of(const dds_builtintopic_endpoint_t& endpoint) {
   const dds_qos_t& qos = *endpoint.qos;
   const dds_data_representation_id_t* const encodings = qos.data_representation.value.ids;

@@ -42,17 +42,17 @@ constexpr int kAnnouncement = 1252;  // bytes; a participant's announcement is n
 
 // While a sample is not acknowledged, a writer sends its readers a heartbeat so often, in nanoseconds. A reader asks
 // for what it lacks once each time. Packets get lost between hosts, hardly ever on loopback.
-constexpr std::uint32_t kHeartbeatAtHome = 10'000'000;
+constexpr std::uint32_t kLoopbackHeartbeat = 10'000'000;
 constexpr std::uint32_t kHeartbeat = 2'000'000;
 // Fast DDS keeps the period however long answers take. With many services the heartbeats themselves delayed the
 // answers: of 48 env_services at one policy_service, each made 4 to 17 ticks/s instead of 52 to 109.
 constexpr std::uint32_t kHeartbeatPerParticipant = 400'000;
-constexpr std::uint32_t kLongestHeartbeat = 100'000'000;
+constexpr std::uint32_t kMaxHeartbeat = 100'000'000;
 constexpr std::uint32_t kHeartbeatToAll = 20'000'000;
 
 // Fast announces a new participant before it reads what others answer. An answer that comes at once is lost, and the
 // next one would come with the period of announcements. So each one is given twice.
-constexpr std::chrono::milliseconds kAnswerAgain{10};
+constexpr std::chrono::milliseconds kAnswerInterval{10};
 
 /// Sample for Fast: bytes to be written, or where to put bytes read.
 struct Raw {
@@ -125,7 +125,7 @@ std::string text_of(const Guid& guid) {
   return text.str();
 }
 
-/// What discovery tells, on Fast's threads.
+/// Passes what Fast DDS discovers to the DiscoveryMonitor. Called by Fast's threads.
 class DiscoveryListener : public dds::DomainParticipantListener {
  public:
   explicit DiscoveryListener(DiscoveryMonitor& discovery) : discovery_(discovery) {}
@@ -137,7 +137,7 @@ class DiscoveryListener : public dds::DomainParticipantListener {
   void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
     const std::string key = text_of(info.info.m_guid.guidPrefix);
     if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT) {
-      answer_at_ = Clock::now() + kAnswerAgain;
+      answer_at_ = Clock::now() + kAnswerInterval;
       DiscoveryMonitor::Participant participant{
           info.info.m_participantName.to_string(), vendor_name(info.info.m_VendorId[0], info.info.m_VendorId[1]), {}};
       for (const auto* locators : {&info.info.metatraffic_locators, &info.info.default_locators})
@@ -338,7 +338,7 @@ void listen_at(const Network& network, dds::WireProtocolConfigQos& wire) {
 class FastMiddleware : public Middleware {
  public:
   explicit FastMiddleware(const Network& network)
-      : heartbeat_(network.loopback_only ? kHeartbeatAtHome : kHeartbeat),
+      : heartbeat_(network.loopback_only ? kLoopbackHeartbeat : kHeartbeat),
         answers_again_(network.security.empty() && !(network.multicast && std::getenv("ROS_DISCOVERY_SERVER"))) {
     forward_log_once();
     dds::DomainParticipantQos qos;
@@ -426,7 +426,7 @@ class FastMiddleware : public Middleware {
   std::uint32_t heartbeat_period(const Topic& topic) {
     if (topic.read_by_all) return kHeartbeatToAll;
     const auto participants = static_cast<std::uint32_t>(std::min<std::size_t>(discovery_.participants().size(), 1000));
-    return std::clamp(kHeartbeatPerParticipant * participants, heartbeat_, kLongestHeartbeat);
+    return std::clamp(kHeartbeatPerParticipant * participants, heartbeat_, kMaxHeartbeat);
   }
   TopicOwner own(const Topic& topic, bool writes) {
     discovery_.register_local_topic(topic, writes);

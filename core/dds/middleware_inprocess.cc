@@ -26,7 +26,7 @@ void push(std::deque<Sample>& samples, const Sample& sample, int depth) {
   if (samples.size() > static_cast<std::size_t>(depth)) samples.pop_front();
 }
 
-/// What the participants of one domain have in common. Exists while one of them does.
+/// The state that the participants of one domain share. It exists while one of them does.
 struct Bus {
   std::mutex mutex;
   std::vector<Endpoint*> readers;

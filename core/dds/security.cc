@@ -36,9 +36,9 @@ constexpr const char* kCertificate = "cert.pem";
 constexpr const char* kKey = "key.pem";
 constexpr const char* kRevoked = "crl.pem";
 
-constexpr std::uintmax_t kLargest = 1 << 20;   // bytes of a file
-constexpr std::time_t kSoon = 14 * 24 * 3600;  // before a certificate ends we warn
-constexpr std::size_t kMostTold = 100;         // different lines in kQuiet
+constexpr std::uintmax_t kMaxDocumentBytes = 1 << 20;   // bytes of a file
+constexpr std::time_t kExpiryWarning = 14 * 24 * 3600;  // seconds before a certificate's end, from which on we warn
+constexpr std::size_t kMaxLoggedLines = 100;            // different lines within kSecurityLogInterval
 constexpr const char* kRenew = "compose/keystore renew makes a new one";
 
 template <class Type, void (*free)(Type*)>
@@ -68,8 +68,8 @@ File read(const fs::path& folder, const char* name) {
   std::error_code wrong;
   if (!fs::exists(file.path, wrong)) throw Error("is missing", file.path, "compose/keystore add makes all files");
   const std::uintmax_t size = fs::is_regular_file(file.path, wrong) ? fs::file_size(file.path, wrong) : 0;
-  if (wrong || size == 0 || size > kLargest)
-    throw Error("is not a file of 1 to " + std::to_string(kLargest) + " bytes", file.path);
+  if (wrong || size == 0 || size > kMaxDocumentBytes)
+    throw Error("is not a file of 1 to " + std::to_string(kMaxDocumentBytes) + " bytes", file.path);
   std::ifstream in(file.path, std::ios::binary);
   std::ostringstream text;
   text << in.rdbuf();
@@ -87,7 +87,7 @@ void check_times(std::time_t from, std::time_t until, const std::string& path) {
   const std::time_t now = std::time(nullptr);
   if (now < from) throw Error("is not valid before " + date_of(from), path, "is this host's clock right?");
   if (now > until) throw Error("expired on " + date_of(until), path, kRenew);
-  if (until - now < kSoon) spdlog::warn("{}: expires on {} ({})", path, date_of(until), kRenew);
+  if (until - now < kExpiryWarning) spdlog::warn("{}: expires on {} ({})", path, date_of(until), kRenew);
 }
 
 Certificate certificate_of(const File& file) {
@@ -152,7 +152,7 @@ void check_identity(const fs::path& folder, const std::string& participant) {
                 "--id must be the name that the keys were made for");
 }
 
-/// What a signed document says. Throws Error when `authority` has not signed it.
+/// Returns the content of a signed document. Throws Error when `authority` has not signed it.
 std::string content_of(const File& file, const Certificate& authority) {
   BIO* apart = nullptr;
   const Signed document(SMIME_read_PKCS7(file.bio().get(), &apart));
@@ -168,7 +168,7 @@ std::string content_of(const File& file, const Certificate& authority) {
   return {data, static_cast<std::size_t>(size)};
 }
 
-/// Values of all elements `name`, in order.
+/// Returns the values of all elements `name`, in order.
 std::vector<std::string> values_of(const std::string& text, const std::string& name) {
   const std::string open = "<" + name + ">", close = "</" + name + ">";
   std::vector<std::string> values;
@@ -184,7 +184,7 @@ std::vector<std::string> values_of(const std::string& text, const std::string& n
   return values;
 }
 
-/// Never half: a governance that lets strangers in, or leaves data in clear, is refused.
+/// Throws Error for a governance that lets strangers in or leaves data in clear.
 void check_governance(const std::string& text, const std::string& path) {
   constexpr const char* kRemedy = "compose/keystore makes one that protects everything";
   const std::vector<std::string> no = {"false", "FALSE", "0"}, yes = {"true", "TRUE", "1"},
@@ -232,7 +232,7 @@ void check_documents(const fs::path& folder, const std::string& participant) {
   check_permissions(content_of(permissions, authority), participant, permissions.path);
 }
 
-/// Folder of Cyclone's security plug-ins: that of its library, or one below with the library's name, as Debian has it.
+/// Returns the folder of Cyclone's plug-ins: its library's folder, or one below with the library's name, as in Debian.
 fs::path plugin_folder() {
   Dl_info library{};
   void* const symbol = dlsym(RTLD_DEFAULT, "dds_create_domain");
@@ -309,12 +309,12 @@ void log_security_event(const std::string& line) {
   using Clock = std::chrono::steady_clock;
   // Never destroyed: Fast DDS's log thread calls this after the end of main too.
   static std::mutex& mutex = *new std::mutex;
-  static auto& told = *new std::map<std::string, Clock::time_point>;
+  static auto& logged = *new std::map<std::string, Clock::time_point>;
   {
     std::lock_guard lock(mutex);
     const Clock::time_point now = Clock::now();
-    std::erase_if(told, [&](const auto& item) { return now - item.second >= kQuiet; });
-    if (told.size() >= kMostTold || !told.try_emplace(line, now).second) return;
+    std::erase_if(logged, [&](const auto& item) { return now - item.second >= kSecurityLogInterval; });
+    if (logged.size() >= kMaxLoggedLines || !logged.try_emplace(line, now).second) return;
   }
   spdlog::warn("{}", line);
 }

@@ -25,7 +25,7 @@ std::string check_security(const std::string& folder, const std::string& partici
 std::string outdated_revocations(const std::string& folder, std::uint64_t started);
 
 /// The highest domain that governance and permissions can name (DDS Security 1.1, 9.4.1.2).
-inline constexpr std::uint32_t kMostSecureDomain = 230;
+inline constexpr std::uint32_t kMaxSecureDomain = 230;
 
 /// Properties of a participant, names and values.
 using Properties = std::vector<std::pair<std::string, std::string>>;
@@ -40,8 +40,8 @@ Properties cyclonedds_security(const std::string& folder);
 /// when the message is about something else.
 std::optional<std::string> explain_security(const std::string& message);
 
-/// Logs such a line as a warning, at most once in kQuiet: vendors repeat them every second. Called by any thread.
+/// Logs a line as a warning, at most once in kSecurityLogInterval: vendors repeat them. Called by any thread.
 void log_security_event(const std::string& line);
-inline constexpr std::chrono::seconds kQuiet{60};
+inline constexpr std::chrono::seconds kSecurityLogInterval{60};
 
 }  // namespace citylearn::internal

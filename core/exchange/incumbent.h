@@ -8,16 +8,17 @@
 
 namespace citylearn {
 
-/// Says which of several processes speaks for one id: the one that was heard first, until it leaves or is silent. It
-/// compares no clocks of other hosts, so a wrong clock and a forged start time replace nobody. Used by one thread.
+/// Decides which of several processes with one id counts, the incumbent: the one heard first, until it leaves or is
+/// silent. It does not compare clocks of other hosts, so a wrong clock or a forged start time replaces no process. Used
+/// by one thread.
 class Incumbent {
  public:
   enum class Heard {
-    kIncumbent,  ///< the process that speaks for the id
-    kSuccessor,  ///< it does from now on, and did not before
-    kOther,      ///< it does not
+    kIncumbent,  ///< the incumbent
+    kSuccessor,  ///< a process that has just become the incumbent
+    kOther,      ///< another process
   };
-  /// Notes a message of a process, by its incarnation (Header). That of no process is 0.
+  /// Notes a message of a process, by its incarnation (Header). No process has 0.
   Heard hear(std::uint64_t incarnation, Clock::time_point now) {
     if (incarnation == 0) return Heard::kOther;  // forged
     if (incarnation == incarnation_) {
@@ -37,15 +38,15 @@ class Incumbent {
     presence_.heard(now);
     return Heard::kSuccessor;
   }
-  /// Notes that the incumbent said that it ends, or gave up its place: the next process that is heard takes over.
+  /// Notes that the incumbent ends or gives up its id: the next process that is heard takes over.
   void leave() { leaves_ = true; }
 
   /// Returns the incumbent, also when it is gone; 0: none was heard.
   std::uint64_t incarnation() const { return incarnation_; }
-  /// Returns whether this process spoke for the id before the incumbent did.
+  /// Returns whether this process was the incumbent before the present one.
   bool preceded(std::uint64_t incarnation) const { return incarnation == previous_ && previous_ != 0; }
   bool here(Clock::time_point now) const { return presence_.here(now); }
-  /// Returns whether a process is heard that will soon be believed.
+  /// Returns whether another process is heard that may soon take over.
   bool has_rival(Clock::time_point now) const { return rival_ != 0 && now - rival_since_ < kHandover + kSilence; }
   Clock::time_point last_heard() const { return presence_.last_heard(); }
 

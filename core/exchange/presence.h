@@ -8,7 +8,7 @@
 
 namespace citylearn {
 
-/// When one service was last heard.
+/// Remembers when a service was last heard.
 class Presence {
  public:
   Presence() = default;

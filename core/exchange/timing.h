@@ -14,9 +14,9 @@ inline constexpr auto kHeartbeat = 1s;   ///< between two values of a state: sta
 inline constexpr auto kSilence = 3s;     ///< without a word after which a process counts as gone
 inline constexpr auto kHandover = 2s;    ///< in which a rival is heard and the incumbent is not, before it takes over
 inline constexpr auto kTwinGrace = 10s;  ///< since its start in which a process gives way to another of its id
-inline constexpr auto kSameMoment = 100ms;    ///< between two starts that count as one
-inline constexpr auto kWriterLifetime = 10s;  ///< without a message after which a writer to one receiver is deleted
-inline constexpr auto kFlushTimeout = 500ms;  ///< at the end, for readers to take the last messages
+inline constexpr auto kStartTolerance = 100ms;  ///< between two starts that count as one
+inline constexpr auto kWriterLifetime = 10s;    ///< without a message after which a writer to one receiver is deleted
+inline constexpr auto kFlushTimeout = 500ms;    ///< at the end, for readers to take the last messages
 
 // Commands.
 inline constexpr auto kObservationResend = 50ms, kObservationResendMax = 1000ms;  ///< it doubles each time
@@ -50,20 +50,21 @@ inline constexpr auto kOldParameters = 1s;      ///< since a request for old par
 inline constexpr auto kFeaturesTimeout = 10s;   ///< without a chunk, of an actor
 
 // Learner and actors.
-inline constexpr auto kActorSettle = 1s;        ///< for actors to say what they serve before any gets more
-inline constexpr auto kAssignInterval = 100ms;  ///< between two divisions of the env_services
-inline constexpr auto kEndContested = 1500ms;   ///< for a learner to deny an end of the training in its name
-inline constexpr auto kLeaving = 500ms;         ///< for a learner to confirm an actor's last status
-inline constexpr auto kDismiss = 5s;            ///< for actors to release their env_services at the end
-inline constexpr auto kPythonIdle = 500ms;      ///< between two answers of a Python program that does not step
-inline constexpr auto kPythonRelease = 2s;      ///< for env_services to confirm that it lets them go
+inline constexpr auto kActorSettle = 1s;            ///< for actors to say what they serve before any gets more
+inline constexpr auto kAssignInterval = 100ms;      ///< between two divisions of the env_services
+inline constexpr auto kEndContestTimeout = 1500ms;  ///< for a learner to deny an end of the training in its name
+inline constexpr auto kLastStatusTimeout = 500ms;   ///< for a learner to confirm an actor's last status
+inline constexpr auto kDismiss = 5s;                ///< for actors to release their env_services at the end
+inline constexpr auto kPythonIdle = 500ms;          ///< between two answers of a Python program that does not step
+inline constexpr auto kPythonRelease = 2s;          ///< for env_services to confirm that it lets them go
 
 // Encoders.
 inline constexpr auto kEncoderSettle = 1s;      ///< for others to say what they encode before a claim
 inline constexpr auto kClaimRepeat = 200ms;     ///< between statuses that wait to be acknowledged
 inline constexpr auto kPresentInterval = 20ms;  ///< between statuses that tell of new frames only
-inline constexpr auto kDeaf = 5s;  ///< until a peer that acknowledges nothing is not waited for: it may hear nothing
-inline constexpr auto kUnserved = 6s;  ///< without a completed TraversalInfo, though the encoder_service lives
+inline constexpr auto kClaimTimeout =
+    5s;  ///< until a peer that acknowledges nothing is not waited for: it may hear nothing
+inline constexpr auto kMaxUnserved = 6s;  ///< without a completed TraversalInfo, though the encoder_service lives
 inline constexpr auto kEncoderBusyInterval = 5ms;  ///< between looks at what the background threads have done
 
 // What people see.
@@ -90,20 +91,23 @@ inline constexpr auto kRankStart = 60s;                         ///< for all ran
 inline constexpr auto kRankPaused = 1000ms;                     ///< a turn this long means that the process stood still
 inline constexpr auto kGlooConnect = 400ms, kGlooStore = 2000ms, kGlooReceive = 2000ms;
 
-inline constexpr auto kStopCheck = 50ms;  ///< at most, between two looks of a loop at what is due and whether to stop
+inline constexpr auto kStopCheckInterval =
+    50ms;  ///< at most, between two looks of a loop at what is due and whether to stop
 
 static_assert(2 * kHeartbeat < kSilence && kHeartbeat < kHandover && kHandover < kSilence);
-static_assert(kWriterLifetime > kSilence && kTwinGrace > kSilence && kRunSilence > kSilence && kDeaf > kSilence);
-static_assert(kUnserved > kSilence + kHandover && kLinger > kSilence + kHandover);
+static_assert(kWriterLifetime > kSilence && kTwinGrace > kSilence && kRunSilence > kSilence &&
+              kClaimTimeout > kSilence);
+static_assert(kMaxUnserved > kSilence + kHandover && kLinger > kSilence + kHandover);
 static_assert(kObservationResend < kObeysOther && kSettingsResend < kObeysOther && kObservationResendMax < kSilence);
 static_assert(kAssignmentResend < kSilence && kAlarmDelay < kCommandGiveUp && kFeaturesTimeout > kSilence);
 static_assert(kCommitGather < kLogResend && kLogResendMax < kSilence && kLogResendMax < kTrajectoryGiveUp);
 static_assert(2 * kAcknowledge < kSilence && kAcknowledge < kReplayQuiet && kStatsRetry < kReplayQuiet);
 static_assert(kNextReplyTimeout < kStatsRetry && kStatsDelay < kStatsRetry);
-static_assert(kEncoderSettle >= kHeartbeat && kActorSettle >= kHeartbeat && kEndContested > kHeartbeat);
+static_assert(kEncoderSettle >= kHeartbeat && kActorSettle >= kHeartbeat && kEndContestTimeout > kHeartbeat);
 static_assert(kPresentInterval < kClaimRepeat && kClaimRepeat < kSilence);
 static_assert(2 * kRankHeartbeat < kRankSilence && kRankAnswer > kRankHold && kRankPaused < kRankSilence);
 static_assert(5 * kGlooConnect <= kRankSilence);
-static_assert(kStopCheck <= kSettingsResend && kStopCheck <= kObservationResend, "loops drive what is resent");
+static_assert(kStopCheckInterval <= kSettingsResend && kStopCheckInterval <= kObservationResend,
+              "loops drive what is resent");
 
 }  // namespace citylearn

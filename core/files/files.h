@@ -23,10 +23,10 @@ void create_folder(const std::string& path, const std::string& remedy = "");
 void refuse_special_file(const std::string& path);
 
 /// Bytes that no file is meant to have: reading more would rather exhaust the memory.
-inline constexpr std::size_t kLargestFile = std::size_t{16} << 30;
+inline constexpr std::size_t kMaxFileBytes = std::size_t{16} << 30;
 
 /// Returns the whole file. Throws Error naming it when it cannot be read, refuse_special_file() does or it is larger
 /// than `most` bytes.
-std::string read_file(const std::string& path, std::size_t most = kLargestFile);
+std::string read_file(const std::string& path, std::size_t most = kMaxFileBytes);
 
 }  // namespace citylearn

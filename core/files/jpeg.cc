@@ -11,7 +11,7 @@ namespace citylearn {
 
 bool decode_jpeg(std::span<const std::byte> file, const ImageHeader& header, const std::string& where,
                  unsigned char* pixels) {
-  constexpr unsigned kSurplus = 16;  // bytes
+  constexpr unsigned kMaxSurplusBytes = 16;  // bytes
   const auto* bytes = reinterpret_cast<const unsigned char*>(file.data());
   const std::unique_ptr<void, int (*)(tjhandle)> decoder(tjInitDecompress(), tjDestroy);
   int width = 0, height = 0, subsampling = 0, colours = 0;
@@ -23,9 +23,9 @@ bool decode_jpeg(std::span<const std::byte> file, const ImageHeader& header, con
   if (tjDecompress2(decoder.get(), bytes, file.size(), pixels, width, 0, height, TJPF_BGR, 0) == 0) return true;
   if (tjGetErrorCode(decoder.get()) != TJERR_WARNING) return false;
   const std::string warning = tjGetErrorStr2(decoder.get());
-  unsigned surplus = kSurplus + 1;
+  unsigned surplus = kMaxSurplusBytes + 1;
   std::sscanf(warning.c_str(), "Corrupt JPEG data: %u extraneous", &surplus);
-  if (surplus > kSurplus) throw Error(warning, where, "replace the file");
+  if (surplus > kMaxSurplusBytes) throw Error(warning, where, "replace the file");
   return true;
 }
 

@@ -23,7 +23,7 @@ bool nests_too_deep(std::string_view text) {
       ++levels;
     else if (!quoted && (c == ']' || c == '}') && levels > 0)
       --levels;
-    if (levels > kMostJsonLevels) return true;
+    if (levels > kMaxJsonDepth) return true;
   }
   return false;
 }
@@ -34,7 +34,7 @@ template <class Json>
 Json parse_json(std::string_view text, const std::string& where, const std::string& remedy,
                 const std::vector<std::string>& without) {
   if (nests_too_deep(text))
-    throw Error("nests more than " + std::to_string(kMostJsonLevels) + " levels deep", where, remedy);
+    throw Error("nests more than " + std::to_string(kMaxJsonDepth) + " levels deep", where, remedy);
   try {
     if (without.empty()) return Json::parse(text);
     return Json::parse(text, [&](int, typename Json::parse_event_t event, Json& value) {

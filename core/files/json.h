@@ -9,9 +9,9 @@
 
 namespace citylearn {
 
-/// How deep JSON from elsewhere may nest. Copying and writing a value takes the stack of each level, and a text of a
+/// The deepest nesting of JSON that is read. Copying and writing a value uses the stack for each level, and a text of a
 /// few kilobytes can have as many levels as bytes.
-inline constexpr std::size_t kMostJsonLevels = 64;
+inline constexpr std::size_t kMaxJsonDepth = 64;
 
 /// Returns the value of a JSON text; every text of a file, a message or a client is read by this function. Members of
 /// objects whose names are in `without` are left out, which saves memory. Throws Error with `where` and `remedy` when

@@ -19,7 +19,7 @@ static_assert(std::endian::native == std::endian::little, "tensors are copied as
 
 using Json = nlohmann::json;  // its objects are quick with any number of names
 
-constexpr std::uint64_t kLargestHeader = 100'000'000;  // the format's own limit
+constexpr std::uint64_t kMaxHeaderBytes = 100'000'000;  // the format's own limit
 constexpr const char* kMetadata = "__metadata__";
 
 /// Reads a file piece by piece.
@@ -29,7 +29,7 @@ class SafetensorsReader {
     if (bytes.size() < 8) fail("is not a safetensors file: fewer than 8 bytes");
     std::uint64_t length = 0;
     std::memcpy(&length, bytes.data(), 8);
-    if (length > kLargestHeader || length > bytes.size() - 8)
+    if (length > kMaxHeaderBytes || length > bytes.size() - 8)
       fail("is not a safetensors file, or was cut short: its header would have " + std::to_string(length) + " bytes");
     data_ = bytes.substr(8 + length);
     read_header(bytes.substr(8, length));

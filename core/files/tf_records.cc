@@ -10,7 +10,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "numbers are written as they lie in memory");
 
-/// As TFRecords have it, so that a record of records does not look like a checksum.
+/// Returns the masked CRC of the TFRecord format. The mask keeps a record that contains records from looking like one.
 std::uint32_t masked_crc(const void* bytes, std::size_t count) {
   const std::uint32_t crc = crc32c(bytes, count);
   return (crc >> 15 | crc << 17) + 0xA282EAD8u;

@@ -14,8 +14,8 @@ class MetricsServer;
 /// Returns why `text` is not [ADDRESS:]PORT, an IPv4 address and a port; empty when it is, or when it is empty.
 std::string metrics_address_problem(const std::string& text);
 
-/// What a service tells Prometheus and health probes: its last heartbeat, its last update of training, and its queues.
-/// Serves GET /metrics, /healthz and /livez over HTTP on a thread of its own. Used by any thread.
+/// Metrics of a service for Prometheus and health probes: its last heartbeat, its last update of training, and its
+/// queues. Serves GET /metrics, /healthz and /livez over HTTP on a thread of its own. Used by any thread.
 class Metrics {
  public:
   /// Listens at `address`, "[ADDRESS:]PORT"; without ADDRESS on 127.0.0.1 alone, at port 0 on a free port. Serves
@@ -31,8 +31,7 @@ class Metrics {
 
   /// Returns all of it in Prometheus' text format.
   std::string text() const;
-  /// Returns why the service is not well: no heartbeat for kSilence, a failure or, if they count, an alarm; empty when
-  /// it is.
+  /// Returns why the service is unhealthy: no heartbeat for kSilence, a failure or, if they count, an alarm; else "".
   std::string problem(bool alarms) const;
 
  private:

@@ -32,7 +32,7 @@ using asio::ip::tcp;
 using boost::system::error_code;
 
 constexpr std::chrono::seconds kDeadline{1};  // for a request to arrive and its answer to leave
-constexpr std::uint32_t kLargestHeader = 4096;
+constexpr std::uint32_t kMaxRequestBytes = 4096;
 
 /// Returns nothing for what is not [ADDRESS:]PORT.
 std::optional<tcp::endpoint> endpoint_of(const std::string& text) {
@@ -49,8 +49,8 @@ auto with(error_code& error) { return asio::redirect_error(asio::use_awaitable, 
 
 }  // namespace
 
-struct MetricsServer::Inside {
-  explicit Inside(const Metrics& served) : metrics(served) {}
+struct MetricsServer::Impl {
+  explicit Impl(const Metrics& served) : metrics(served) {}
 
   http::response<http::string_body> answer(const http::request<http::empty_body>& request) const {
     http::response<http::string_body> reply(http::status::ok, 11);
@@ -80,9 +80,9 @@ struct MetricsServer::Inside {
   asio::awaitable<void> serve(tcp::socket socket) {
     boost::beast::tcp_stream stream(std::move(socket));
     stream.expires_after(kDeadline);
-    boost::beast::flat_buffer buffer(2 * kLargestHeader);
+    boost::beast::flat_buffer buffer(2 * kMaxRequestBytes);
     http::request_parser<http::empty_body> parser;
-    parser.header_limit(kLargestHeader);
+    parser.header_limit(kMaxRequestBytes);
     error_code error;
     co_await http::async_read_header(stream, buffer, parser, with(error));
     if (!error) {
@@ -127,24 +127,24 @@ std::string metrics_address_problem(const std::string& text) {
 }
 
 MetricsServer::MetricsServer(const Metrics& metrics, const std::string& address)
-    : inside_(std::make_unique<Inside>(metrics)) {
+    : impl_(std::make_unique<Impl>(metrics)) {
   const std::optional<tcp::endpoint> endpoint = endpoint_of(address);
   if (!endpoint) throw Error(metrics_address_problem(address), "--metrics");
   try {
-    inside_->acceptor = tcp::acceptor(inside_->io, *endpoint);
+    impl_->acceptor = tcp::acceptor(impl_->io, *endpoint);
   } catch (const boost::system::system_error& error) {
     throw Error("cannot listen: " + error.code().message(), "--metrics " + address,
                 "choose a free port and an address of this host");
   }
   spdlog::info("metrics: http://{}:{}/metrics", endpoint->address().to_string(),
-               inside_->acceptor.local_endpoint().port());
-  asio::co_spawn(inside_->io, inside_->accept(), asio::detached);
-  inside_->thread = std::jthread([this] { inside_->io.run(); });
+               impl_->acceptor.local_endpoint().port());
+  asio::co_spawn(impl_->io, impl_->accept(), asio::detached);
+  impl_->thread = std::jthread([this] { impl_->io.run(); });
 }
 
 MetricsServer::~MetricsServer() {
-  inside_->io.stop();
-  inside_->thread.join();
+  impl_->io.stop();
+  impl_->thread.join();
 }
 
 }  // namespace citylearn

@@ -19,8 +19,8 @@ class MetricsServer {
   ~MetricsServer();
 
  private:
-  struct Inside;
-  std::unique_ptr<Inside> inside_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace citylearn

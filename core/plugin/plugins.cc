@@ -27,7 +27,7 @@ Loaded& loaded() {
   return all;
 }
 
-/// What the plug-in was built against is read from the file: once loaded, its code would run.
+/// Throws Error unless the plug-in was built for this program. Reads its file, as loading it would run its code.
 void check_stamp(const std::string& file) {
   const std::string contents = read_file(file), mark = CITYLEARN_PLUGIN_MARK;
   const bool shared = contents.size() > sizeof(Elf64_Ehdr) && contents.starts_with(ELFMAG);

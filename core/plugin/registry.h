@@ -42,7 +42,7 @@ class Parameters {
   std::map<std::string, double> values_;
 };
 
-/// What was registered so far, of all kinds.
+/// All registrations so far, of all kinds.
 struct Registrations {
   int count = 0;
   std::vector<std::string> taken;  ///< names that their registry had already, left out

@@ -33,7 +33,7 @@ bool ChunkStore::keep(const Topic& topic, std::span<const std::byte> bytes) {
     if (pictures_.try_emplace(key, std::move(chunk)).second) {
       picture_bytes_ += size;
       by_age_.push_back(key);
-      while (picture_bytes_ > kMostPictureBytes) forget_oldest();
+      while (picture_bytes_ > kMaxPictureBytes) forget_oldest();
     }
     return true;
   } catch (const Error&) {

@@ -13,16 +13,16 @@
 
 namespace citylearn {
 
-/// Keeps recorded maps and pictures and answers requests for them in the place of the env_services that sent them: they
-/// were sent to services of then, and are sent to those that ask now. Used by one thread.
+/// Keeps recorded maps and pictures, and answers requests for them in place of the recorded env_services: sends them to
+/// the services that ask now. Used by one thread.
 class ChunkStore {
  public:
-  static constexpr std::size_t kMostPictureBytes = 256u << 20;  ///< beyond them the oldest pictures are forgotten
+  static constexpr std::size_t kMaxPictureBytes = 256u << 20;  ///< beyond them the oldest pictures are forgotten
 
   /// Keeps a MapChunk or an ImageChunk. Returns false for other topics, and for bytes that cannot be decoded.
   bool keep(const Topic& topic, std::span<const std::byte> bytes);
 
-  /// Called with the sender of then and the bytes that answer, on this topic.
+  /// Called with the recorded sender and the bytes that answer, on this topic.
   using Send = std::function<void(const Topic& topic, const msg::Header& sender, const Bytes& bytes)>;
   void answer(const msg::MapRequest& request, const Send& send);
   void answer(const msg::ImageRequest& request, const Send& send);

@@ -5,8 +5,8 @@
 
 namespace citylearn {
 
-/// The IDL that defines a message type ("citylearn::msg::Action"), with all that it includes in front and no #include
-/// left. Throws Error for a type that idl/ does not define.
+/// Returns the IDL of a message type ("citylearn::msg::Action"), where the files that it includes replace its #include
+/// lines. Throws Error for a type that idl/ does not define.
 std::string idl_of(const std::string& type);
 
 }  // namespace citylearn

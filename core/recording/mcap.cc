@@ -302,7 +302,7 @@ void McapReader::cut_short() {
   missing_ = "cut short after " + std::to_string(size_) + " bytes; whole up to byte " + std::to_string(record_);
 }
 
-/// The next record of the file into content_; false when there is none or not all of it.
+/// Reads the next record of the file into content_. Returns false when there is none or not all of it.
 bool McapReader::read_record() {
   record_ = at_;
   char head[kRecordHead];

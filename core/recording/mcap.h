@@ -39,17 +39,17 @@ struct McapMessage {
 /// short is read up to there.
 class McapReader {
  public:
-  /// Throws Error naming the file when it cannot be read or is no MCAP file.
+  /// Throws Error naming the file when it cannot be read or is not an MCAP file.
   explicit McapReader(const std::string& path);
 
-  /// The next message; nothing at the end. Throws Error naming the file and the byte where it is damaged: a wrong
-  /// checksum, a record that ends beyond its place, a channel that was not announced, a compression.
+  /// Returns the next message; nothing at the end. Throws Error naming the file and the byte where it is damaged: a
+  /// wrong checksum, a record that ends beyond its place, a channel that was not announced, a compression.
   std::optional<McapMessage> next();
 
-  /// Said after the end: what is missing there ("cut short after 12345 bytes"); empty when the file is whole.
+  /// Returns what is missing at the end, once it is reached ("cut short after 12345 bytes"); empty for a whole file.
   const std::string& missing() const { return missing_; }
   const std::string& path() const { return path_; }
-  /// Of all metadata records so far, by name.
+  /// Returns all metadata records so far, by name.
   const std::map<std::string, McapMetadata>& metadata() const { return metadata_; }
 
  private:

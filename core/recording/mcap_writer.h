@@ -26,17 +26,17 @@ class McapWriter {
   /// Throws Error naming the file when it is there already or cannot be made; so do all others when it cannot be
   /// written (disk full).
   McapWriter(const std::string& path, const Options& options);
-  /// Without close(): what is not flushed is lost, and there is no summary.
+  /// Without close(), what is not flushed is lost, and the file has no summary.
   ~McapWriter();
   McapWriter(const McapWriter&) = delete;
   McapWriter& operator=(const McapWriter&) = delete;
 
-  /// Number of the channel.
+  /// Adds a channel and returns its number.
   std::uint16_t add(const McapChannel& channel);
   void write(std::uint16_t channel, std::uint64_t time, std::span<const std::byte> data);
   /// Writes the chunk that is being filled.
   void flush();
-  /// Time since which something waits to be flushed; 0: nothing does.
+  /// Returns the time since which something waits to be flushed; 0: nothing does.
   std::uint64_t waiting_since() const { return chunk_.empty() ? 0 : chunk_first_; }
   /// Writes all that is left and the summary. Nothing can be written afterwards.
   void close();

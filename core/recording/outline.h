@@ -9,7 +9,7 @@
 
 namespace citylearn {
 
-/// How far a training was when one of its updates was recorded.
+/// The state of a training when one of its updates was recorded.
 struct RecordedUpdate {
   double position = 0;  ///< of its TrainingStat: seconds, as in ReplayState
   std::uint64_t update = 0, steps = 0, episodes = 0;
@@ -20,12 +20,12 @@ struct RecordedUpdate {
 struct RecordedRun {
   std::string session, policy;  ///< as headers name its policy_service
   std::uint64_t seed = 0, run_id = 0;
-  /// In the order of the recording, each once: one that was sent again is left out. Where a policy_service resumed from
-  /// an older checkpoint, the same updates follow once more.
+  /// The updates in the order of the recording, each once: one that was sent again is left out. Where a policy_service
+  /// resumed from an older checkpoint, the same updates follow once more.
   std::vector<RecordedUpdate> updates;
 };
 
-/// What a timeline shows of recordings that are played one after the other.
+/// Figures for a timeline of recordings that are played one after the other.
 struct RecordingOutline {
   static constexpr std::size_t kParts = 100;  ///< equally long ones, in which messages are counted
   double seconds = 0;                         ///< their length, as RecordingClock measures it

@@ -23,11 +23,11 @@ class RecordingClock {
     const std::uint64_t last = last_.value_or(time);
     const std::uint64_t ahead = time > last ? time - last : 0, back = last > time ? last - time : 0;
     last_ = time;
-    const bool another = std::exchange(fresh_, false) && (back > 0 || ahead > kLongestGap);
+    const bool another = std::exchange(fresh_, false) && (back > 0 || ahead > kMaxGap);
     if (another) return;  // not the next part of this recording: it follows at once
-    if (ahead > kLongestGap || back > kLongestGap) ++leaps_;
-    position_ += static_cast<std::int64_t>(std::min(ahead, kLongestGap));
-    if (back <= kLongestGap) position_ -= static_cast<std::int64_t>(back);
+    if (ahead > kMaxGap || back > kMaxGap) ++leaps_;
+    position_ += static_cast<std::int64_t>(std::min(ahead, kMaxGap));
+    if (back <= kMaxGap) position_ -= static_cast<std::int64_t>(back);
     length_ = std::max(length_, position_);
   }
   std::int64_t position() const { return position_; }  ///< of the message that came last
@@ -35,7 +35,7 @@ class RecordingClock {
   std::size_t leaps() const { return leaps_; }         ///< of this file
 
  private:
-  static constexpr std::uint64_t kLongestGap = 10'000'000'000;  // in a recording something comes every second
+  static constexpr std::uint64_t kMaxGap = 10'000'000'000;  // in a recording something comes every second
 
   bool fresh_ = false;                 // nothing of the file was taken yet
   std::optional<std::uint64_t> last_;  // recorded

@@ -6,11 +6,11 @@
 namespace citylearn {
 namespace {
 
-constexpr double kLongestWait = 1e9;                         // seconds: what the clock bears
+constexpr double kMaxWait = 1e9;                             // seconds: what the clock bears
 constexpr Clock::time_point kOrigin{std::chrono::hours(1)};  // of now(): a time_point of 0 means never
 
 Clock::duration duration_of(double seconds) {
-  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::min(seconds, kLongestWait)));
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::min(seconds, kMaxWait)));
 }
 
 }  // namespace
@@ -61,12 +61,12 @@ Clock::time_point ReplayClock::now() const {
 
 Clock::time_point ReplayClock::due(std::int64_t position) {
   const std::lock_guard lock(mutex_);
-  constexpr Clock::time_point kAtOnce = Clock::time_point::min();
+  constexpr Clock::time_point kDueNow = Clock::time_point::min();
   const double at = 1e-9 * static_cast<double>(position);
   if (!base_) set_base(target_ ? 0 : at);  // the first one is due at once
   if (target_ && at <= *target_) {
     state_.position = std::max(state_.position, at);
-    return kAtOnce;
+    return kDueNow;
   }
   if (target_) {
     set_base(*target_);
@@ -76,7 +76,7 @@ Clock::time_point ReplayClock::due(std::int64_t position) {
   if (state_.paused) return Clock::time_point::max();
   if (state_.speed == 0) {
     set_base(std::max(state_.position, at));
-    return kAtOnce;
+    return kDueNow;
   }
   state_.position = std::max(state_.position, std::min(reached(Clock::now()), at));
   return *base_ + duration_of((at - base_at_) / state_.speed);

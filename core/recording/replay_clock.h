@@ -9,7 +9,7 @@
 
 namespace citylearn {
 
-/// How far recordings are played, and how they go on.
+/// The position and speed of a playback of recordings.
 struct ReplayState {
   double position = 0;  ///< seconds since the first message, as RecordingClock measures them
   double speed = 1;     ///< relative to the recording; 0: as fast as readers can follow
@@ -41,9 +41,9 @@ class ReplayClock {
   /// Returns when the next message, at `position` (nanoseconds), is to be played: time_point::max() while paused. Call
   /// it again at the latest some milliseconds later, as the answer may change.
   Clock::time_point due(std::int64_t position);
-  /// Makes all that follows so much later, because readers were waited for.
+  /// Delays all messages that follow by this time, because readers were waited for.
   void delay(Clock::duration time);
-  /// All messages were played, the last of them at `position`.
+  /// Notes that all messages were played, the last of them at `position`.
   void end(std::int64_t position);
 
  private:

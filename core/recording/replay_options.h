@@ -21,11 +21,10 @@ struct ReplayOptions {
   ReplayState begin() const { return {start, speed, paused}; }
 };
 
-/// Topics of ReplayOptions when none are named: what services say of themselves. Nothing that a service obeys is among
-/// them.
+/// Returns the default topics of ReplayOptions: what services say about themselves, and nothing that a service obeys.
 std::vector<std::string> watched_topics();
 
-/// ReplayOptions::speed as people write it: a number above 0, or max. Throws Error when it is neither.
+/// Parses ReplayOptions::speed: a number above 0, or max. Throws Error when it is neither.
 double replay_speed(const std::string& text);
 
 struct ReplayFigures {

@@ -12,14 +12,14 @@
 namespace citylearn {
 namespace {
 
-constexpr int kAtOnce = 256;  // messages of a turn
+constexpr int kMessagesPerPoll = 256;  // messages that one poll() plays at most
 
 // A writer keeps few messages for readers that are behind (core/dds/middleware.h). So it is given time: these many of
 // them within kReplayPeriod, half of what it keeps.
 int most_in_period(Profile profile) {
   switch (profile) {
     case Profile::kState:
-      return kAtOnce;  // the newest alone counts
+      return kMessagesPerPoll;  // the newest alone counts
     case Profile::kCommand:
       return 32;
     case Profile::kDurable:
@@ -31,10 +31,10 @@ int most_in_period(Profile profile) {
   return 1;
 }
 
-constexpr std::size_t kUnacknowledged = 128;  // episodes of an env_service
-constexpr int kAgainAtOnce = 32;
-constexpr std::size_t kMostVoices = 4096;
-constexpr std::size_t kMostInboxes = 4096;
+constexpr std::size_t kMaxUnacknowledged = 128;  // episodes of an env_service
+constexpr int kResendBatch = 32;
+constexpr std::size_t kMaxReplayedWriters = 4096;
+constexpr std::size_t kMaxInboxes = 4096;
 
 bool is(const Topic& topic, const Topic& other) { return topic.name == other.name; }
 
@@ -86,10 +86,10 @@ void Replayer::hear() {
   }
 }
 
-/// Reads what is sent to a service from now on.
+/// Creates readers for what is sent to a recorded service from now on.
 void Replayer::open_inbox(const std::string& session, const std::string& sender) {
   const std::string key = session + "/" + sender;
-  if (inboxes_.size() >= kMostInboxes || inboxes_.contains(key)) return;
+  if (inboxes_.size() >= kMaxInboxes || inboxes_.contains(key)) return;
   const auto subscribe = [&](const Topic& topic) {
     return middleware_.create_subscription(topic_at(topic, session, sender));
   };
@@ -124,7 +124,7 @@ void Replayer::on_request() {
   const auto played = stats_.find({sender.first, sender.second, message.run_id()});
   if (played == stats_.end()) return;
   const Topic& topic = topic_of<msg::TrainingStat>();
-  Voice& to = voice(topic, topic, sender);
+  ReplayedWriter& to = writer(topic, topic, sender);
   auto stat = played->second.lower_bound(message.first());
   for (std::uint32_t sent = 0; sent < msg::MAX_STATS_ASKED; ++sent, ++stat) {
     if (stat == played->second.end() || stat->first > message.last()) break;
@@ -140,7 +140,7 @@ void Replayer::on_chunk_request() {
   Request request;
   decode(std::span<const std::byte>(taken_), request);
   chunks_.answer(request, [this](const Topic& topic, const msg::Header& from, const Bytes& bytes) {
-    voice(topic, topic, {from.sender().c_str(), from.incarnation()}).publisher->publish(bytes);
+    writer(topic, topic, {from.sender().c_str(), from.incarnation()}).publisher->publish(bytes);
     ++figures_.repeated;
   });
 }
@@ -158,10 +158,10 @@ void Replayer::send_again(Clock::time_point now) {
       episodes.given_up = true;
       continue;
     }
-    for (int count = 0; count < kAgainAtOnce; ++count) {
+    for (int count = 0; count < kResendBatch; ++count) {
       const auto next = episodes.log.next(now);
       if (!next) break;
-      episodes.voice->publisher->publish(episodes.waiting[next->number - episodes.log.acknowledged() - 1].second);
+      episodes.writer->publisher->publish(episodes.waiting[next->number - episodes.log.acknowledged() - 1].second);
       ++figures_.repeated;
     }
   }
@@ -169,7 +169,7 @@ void Replayer::send_again(Clock::time_point now) {
 
 // What goes out.
 
-/// Opens the next file. Returns false when there is none.
+/// Opens the next file. Returns false when there is no further one.
 bool Replayer::open() {
   if (reader_ && !reader_->missing().empty()) figures_.remarks.push_back(reader_->path() + ": " + reader_->missing());
   if (recorded_.leaps() > 0)
@@ -227,46 +227,46 @@ bool Replayer::fetch() {
   }
 }
 
-Replayer::Voice& Replayer::voice(const Topic& all, const Topic& topic, const Key& sender) {
+Replayer::ReplayedWriter& Replayer::writer(const Topic& all, const Topic& topic, const Key& sender) {
   auto key = std::make_tuple(topic.name, sender.first, sender.second);
-  // Beyond any system that there is: the rest of a topic share a writer.
-  if (voices_.size() >= kMostVoices && !voices_.contains(key)) key = {topic.name, "", 0};
-  Voice& voice = voices_[key];
-  if (!voice.publisher) {
-    voice.topic = &all;
-    voice.publisher = middleware_.create_publisher(topic);
-    voice.made = voice.period = Clock::now();
+  // No system has so many. Beyond them the senders of a topic share a writer.
+  if (writers_.size() >= kMaxReplayedWriters && !writers_.contains(key)) key = {topic.name, "", 0};
+  ReplayedWriter& writer = writers_[key];
+  if (!writer.publisher) {
+    writer.topic = &all;
+    writer.publisher = middleware_.create_publisher(topic);
+    writer.made = writer.period = Clock::now();
   }
-  return voice;
+  return writer;
 }
 
 /// Returns whether the next message would be too much for the readers.
-bool Replayer::must_wait(Voice& voice, Clock::time_point now) {
-  if (!voice.awaited) {
-    // Of what every reader needs, only so much is kept for one that comes late.
-    const bool counts = voice.topic->profile == Profile::kDurable || voice.topic->profile == Profile::kCommand;
-    const std::string& topic = voice.topic->name;
-    if (voice.publisher->matched() > 0) {
+bool Replayer::must_wait(ReplayedWriter& writer, Clock::time_point now) {
+  if (!writer.awaited) {
+    // A writer keeps little for a reader that comes late, so one is waited for where every reader needs all.
+    const bool counts = writer.topic->profile == Profile::kDurable || writer.topic->profile == Profile::kCommand;
+    const std::string& topic = writer.topic->name;
+    if (writer.publisher->matched() > 0) {
       heard_.insert(topic);
-    } else if (counts && now - (heard_.contains(topic) ? voice.made : *begun_) < kReplayTimeout) {
+    } else if (counts && now - (heard_.contains(topic) ? writer.made : *begun_) < kReplayTimeout) {
       return true;
     }
-    voice.awaited = true;
+    writer.awaited = true;
   }
-  if (now - voice.period >= kReplayPeriod) {
-    voice.period = now;
-    voice.in_period = 0;
+  if (now - writer.period >= kReplayPeriod) {
+    writer.period = now;
+    writer.in_period = 0;
   }
-  if (voice.in_period >= most_in_period(voice.topic->profile)) return true;
-  if (!is(*voice.topic, topic_of<msg::EpisodeStat>())) return false;
+  if (writer.in_period >= most_in_period(writer.topic->profile)) return true;
+  if (!is(*writer.topic, topic_of<msg::EpisodeStat>())) return false;
   const auto episodes = episodes_.find(next_->sender);
-  return episodes != episodes_.end() && episodes->second.waiting.size() >= kUnacknowledged;
+  return episodes != episodes_.end() && episodes->second.waiting.size() >= kMaxUnacknowledged;
 }
 
-void Replayer::publish(Voice& voice, const Bytes& bytes) {
-  voice.publisher->publish(bytes);
-  ++voice.in_period;
-  if (next_->published == 0) note_played(voice.topic->name, bytes.size());
+void Replayer::publish(ReplayedWriter& writer, const Bytes& bytes) {
+  writer.publisher->publish(bytes);
+  ++writer.in_period;
+  if (next_->published == 0) note_played(writer.topic->name, bytes.size());
 }
 
 void Replayer::note_played(const std::string& topic, std::size_t bytes) {
@@ -274,7 +274,7 @@ void Replayer::note_played(const std::string& topic, std::size_t bytes) {
   figures_.bytes += bytes;
 }
 
-/// What the recorders of then had, those of now may lack: says that they have everything only up to what waits.
+/// Lowers `acknowledged` of the next episode to what the present recorders have: it says what those of that time had.
 void Replayer::limit_acknowledged() {
   std::uint64_t before = episode_.acknowledged();
   if (const auto known = episodes_.find(next_->sender); known != episodes_.end())
@@ -285,10 +285,10 @@ void Replayer::limit_acknowledged() {
 }
 
 /// Keeps the episode until it is acknowledged.
-void Replayer::keep_episode(Voice& voice, Clock::time_point now) {
+void Replayer::keep_episode(ReplayedWriter& writer, Clock::time_point now) {
   if (!first_episode_) first_episode_ = now;
   Episodes& episodes = episodes_[next_->sender];
-  episodes.voice = &voice;
+  episodes.writer = &writer;
   // Without a recorder that acknowledges, none is waited for.
   if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kReplayTimeout)) return;
   if (episodes.waiting.empty()) episodes.progress = now;
@@ -297,25 +297,25 @@ void Replayer::keep_episode(Voice& voice, Clock::time_point now) {
   episodes.log.next(now);  // it went out
 }
 
-void Replayer::play(Voice& voice) {
+void Replayer::play(ReplayedWriter& writer) {
   const std::span<const std::byte> bytes(bytes_);
   bool episode = false;
   // What cannot be decoded is played as it is: what it was then, it is now.
   try {
-    if (is(*voice.topic, topic_of<msg::EpisodeStat>())) {
+    if (is(*writer.topic, topic_of<msg::EpisodeStat>())) {
       decode(bytes, episode_);
       limit_acknowledged();
       episode = true;
-    } else if (is(*voice.topic, topic_of<msg::TrainingStat>())) {
+    } else if (is(*writer.topic, topic_of<msg::TrainingStat>())) {
       decode(bytes, stat_);
       stats_[{next_->sender.first, next_->sender.second, stat_.run_id()}][stat_.update()] = bytes_;
-    } else if (is(*voice.topic, topic_of<msg::RunInfo>())) {
-      voice.last = bytes_;
+    } else if (is(*writer.topic, topic_of<msg::RunInfo>())) {
+      writer.last = bytes_;
     }
   } catch (const Error&) {
   }
-  publish(voice, bytes_);
-  if (episode) keep_episode(voice, Clock::now());
+  publish(writer, bytes_);
+  if (episode) keep_episode(writer, Clock::now());
 }
 
 /// Returns whether every reader has what there was. Called after the last message.
@@ -327,8 +327,8 @@ bool Replayer::settled(Clock::time_point now) {
   // A recorder asks for statistics only while it hears of the run.
   if (now >= next_state_) {
     next_state_ = now + kHeartbeat;
-    for (auto& [key, voice] : voices_)
-      if (!voice.last.empty()) voice.publisher->publish(voice.last);
+    for (auto& [key, writer] : writers_)
+      if (!writer.last.empty()) writer.publisher->publish(writer.last);
   }
   due_ = now + kReplayPoll;
   return false;
@@ -339,7 +339,7 @@ bool Replayer::poll() {
   Clock::time_point now = Clock::now();
   send_again(now);
   due_ = now;  // there may be more
-  for (int played = 0; played < kAtOnce; ++played) {
+  for (int played = 0; played < kMessagesPerPoll; ++played) {
     if (!next_ && !fetch()) {
       clock_.end(recorded_.length());
       return !settled(now);
@@ -356,7 +356,7 @@ bool Replayer::poll() {
       next_.reset();
       continue;
     }
-    Voice& to = voice(*next_->topic, next_->to.at(next_->published), next_->sender);
+    ReplayedWriter& to = writer(*next_->topic, next_->to.at(next_->published), next_->sender);
     if (must_wait(to, now)) {
       if (!held_since_) held_since_ = now;
       due_ = now + kReplayPoll;

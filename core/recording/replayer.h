@@ -28,7 +28,7 @@ namespace citylearn {
 /// by one thread, but for clock().
 class Replayer {
  public:
-  /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
+  /// `middleware` must outlive it. Throws Error when a file is not an MCAP recording, or a topic is unknown.
   Replayer(Middleware& middleware, const ReplayOptions& options);
 
   /// Plays what is due. Call it when a message may have arrived, and at due(). Returns false when all is played and no
@@ -42,9 +42,9 @@ class Replayer {
 
  private:
   using Key = std::pair<std::string, std::uint64_t>;  // sender and incarnation
-  /// One sender's writer of one topic.
-  struct Voice {
-    const Topic* topic = nullptr;  // that of all
+  /// The writer of one recorded sender on one topic.
+  struct ReplayedWriter {
+    const Topic* topic = nullptr;  // that every service reads
     std::unique_ptr<Publisher> publisher;
     Clock::time_point made, period;
     int in_period = 0;
@@ -56,31 +56,31 @@ class Replayer {
     LogSender log{LogOptions()};
     std::deque<std::pair<std::uint64_t, Bytes>> waiting;  // with the number in the recording
     Clock::time_point progress;
-    Voice* voice = nullptr;
+    ReplayedWriter* writer = nullptr;
     bool given_up = false;  // no acknowledgement came for long
   };
   struct Next {
-    const Topic* topic = nullptr;  // that of all
+    const Topic* topic = nullptr;  // that every service reads
     Key sender;
     std::string session;
     std::int64_t position = 0;  // nanoseconds
     std::vector<Topic> to;      // on which it goes out
     std::size_t published = 0;  // topics of `to`
   };
-  /// Readers of what is sent now to a service of then.
+  /// Readers of messages that are sent to a recorded service now.
   struct Inbox {
     std::unique_ptr<Subscription> acknowledgements, stat_requests, map_requests, image_requests;
   };
 
   bool fetch();
   bool open();
-  Voice& voice(const Topic& all, const Topic& topic, const Key& sender);
+  ReplayedWriter& writer(const Topic& all, const Topic& topic, const Key& sender);
   void open_inbox(const std::string& session, const std::string& sender);
-  bool must_wait(Voice& voice, Clock::time_point now);
+  bool must_wait(ReplayedWriter& writer, Clock::time_point now);
   void limit_acknowledged();
-  void keep_episode(Voice& voice, Clock::time_point now);
-  void play(Voice& voice);
-  void publish(Voice& voice, const Bytes& bytes);
+  void keep_episode(ReplayedWriter& writer, Clock::time_point now);
+  void play(ReplayedWriter& writer);
+  void publish(ReplayedWriter& writer, const Bytes& bytes);
   void hear();
   void on_acknowledgement();
   void on_request();
@@ -102,13 +102,13 @@ class Replayer {
   Bytes bytes_;  // of next_
   RecordingClock recorded_;
   std::optional<Clock::time_point> held_since_, begun_;  // begun_: the first message was to be played
-  std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
-  std::set<std::string> heard_;                                                  // topics with a reader
+  std::map<std::tuple<std::string, std::string, std::uint64_t>, ReplayedWriter> writers_;  // by topic and sender
+  std::set<std::string> heard_;                                                            // topics with a reader
   std::map<Key, Episodes> episodes_;
   std::optional<Clock::time_point> first_episode_, over_;
-  bool acknowledged_ = false;                                         // a recorder has acknowledged
-  using Job = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, job
-  std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
+  bool acknowledged_ = false;                                            // a recorder has acknowledged
+  using RunKey = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, run_id
+  std::map<RunKey, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
   ChunkStore chunks_;
   Clock::time_point due_, quiet_since_, next_state_;
   ReplayFigures figures_;

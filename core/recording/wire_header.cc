@@ -8,7 +8,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::size_t kEncapsulation = 4;  // alignment counts from behind it
-constexpr std::size_t kLongest = 64;       // characters of a name
+constexpr std::size_t kMaxNameBytes = 64;  // characters of a name
 
 /// Goes over the fields of a Header in CDR of either byte order.
 class Walk {
@@ -32,7 +32,7 @@ class Walk {
   }
   std::string text() {
     const auto length = number<std::uint32_t>();  // with the NUL at its end
-    if (length == 0 || length > kLongest + 1) good_ = false;
+    if (length == 0 || length > kMaxNameBytes + 1) good_ = false;
     if (!has(length)) return {};
     std::string value(reinterpret_cast<const char*>(bytes_.data()) + at_, length - 1);
     at_ += length;
@@ -84,7 +84,7 @@ bool with_session(std::span<const std::byte> message, const std::string& session
   const std::size_t rest = walk.at();
   walk.number<std::uint64_t>();
   walk.number<std::uint64_t>();
-  if (!walk.good() || session.size() > kLongest) return false;
+  if (!walk.good() || session.size() > kMaxNameBytes) return false;
   to.assign(message.begin(), message.begin() + static_cast<std::ptrdiff_t>(first));
   append(to, session, walk.little());
   append(to, sender, walk.little());

@@ -12,7 +12,7 @@ namespace citylearn {
 namespace {
 
 const std::string kAll = "all";
-constexpr std::size_t kLargest = kMaxImageBytes + 4096;  // a picture, and what stands before it
+constexpr std::size_t kMaxSampleBytes = kMaxImageBytes + 4096;  // a picture, and what stands before it
 
 }  // namespace
 
@@ -68,7 +68,7 @@ Ros2Participant::Ros2Participant(const MiddlewareOptions& ros, const std::string
 }
 
 Topic Ros2Participant::dds_topic(const std::string& topic, const Ros2Type& type, Profile profile) {
-  return {"rt" + topic, type.dds, profile, kLargest};
+  return {"rt" + topic, type.dds, profile, kMaxSampleBytes};
 }
 
 Publisher& Ros2Participant::publisher(const std::string& topic, const Ros2Type& type) {

@@ -47,8 +47,7 @@ class Ros2Participant : public Ros2Sink {
   void advertise(const std::string& topic) {
     publisher(topic, ros2_type_of<Message>());
   }
-  /// Subscribes as to sensor data, which every publisher suits, so messages may be lost; or, as kRos2Reliable, so that
-  /// none is.
+  /// Subscribes as to sensor data: every publisher matches, but messages may be lost. With kRos2Reliable none is lost.
   template <class Message>
   Ros2Subscription<Message> subscribe(const std::string& topic, Profile profile = Profile::kRos2) {
     return Ros2Subscription<Message>(
@@ -57,7 +56,7 @@ class Ros2Participant : public Ros2Sink {
 
   /// Waits until there may be something to take (true) or the deadline has passed.
   bool wait(Clock::time_point deadline) { return middleware_->wait(deadline); }
-  /// Middleware faults since the last call, a line each: others use a topic with another type.
+  /// Returns the middleware's faults since the last call, a line each: others use a topic with another type.
   std::vector<std::string> faults() { return middleware_->discovery().faults(); }
 
  private:

@@ -15,7 +15,7 @@ void check_turns(const std::vector<int>& turns, int places);
 
 /// Returns the turns of the stretch first .. first + frames - 1 as a route of its own, places counted from its start.
 /// Where a turn leads out of it, the turns from there on are followed until they come back; so it is a permutation
-/// again. Empty when the stretch does not cross itself.
+/// again. Returns an empty list when the stretch does not cross itself.
 std::vector<int> turns_within(const std::vector<int>& turns, int first, int frames);
 
 /// Returns the place to which `action` leads, which must be allowed there.

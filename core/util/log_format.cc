@@ -131,7 +131,7 @@ void print_last_line(const char* program, const char* what, const char* more) no
   add(more, json);
   add(json ? "\"}" : "", false);
   text[size++] = '\n';
-  if (write(STDERR_FILENO, text, size) < 0) return;  // nobody is left who could be told
+  if (write(STDERR_FILENO, text, size) < 0) return;  // no other way to report is left
 }
 
 }  // namespace citylearn

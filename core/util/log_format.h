@@ -28,7 +28,7 @@ bool is_json_log();
 /// of the log.
 void print_line(const std::string& line);
 
-/// The same for what a process says as it ends. It takes no memory and no lock.
+/// Prints the last line of a process that ends. It takes no memory and no lock.
 void print_last_line(const char* program, const char* what, const char* more = "") noexcept;
 
 }  // namespace citylearn

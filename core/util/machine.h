@@ -10,9 +10,9 @@ namespace citylearn {
 class Middleware;
 struct MiddlewareOptions;
 
-/// What a service asks of the machine that it runs on, where that machine is simulated
-/// (docs/explanation/simulation.md). Each simulated process has one. Everywhere else there is none, and the operating
-/// system answers. Time is not part of it: a simulation answers for the system's clocks themselves.
+/// The machine that a simulated service runs on (docs/explanation/simulation.md). Each simulated process has one.
+/// Elsewhere there is none, and the operating system answers. Time is not part of it: a simulation replaces the
+/// system's clocks themselves.
 class Machine {
  public:
   virtual ~Machine() = default;
@@ -35,7 +35,7 @@ std::string host_name();
 /// Returns the number of this process.
 int process_number();
 
-/// What this process uses of its machine.
+/// Resources of the machine that this process uses.
 struct ProcessUse {
   double processor_seconds = 0;  ///< user and system time of all its threads since it began
   std::uint64_t resident = 0;    ///< bytes of memory

@@ -28,7 +28,7 @@ class NumberSet {
       --next;
       first = next->first;
     }
-    while (next != ranges_.end() && (last == kMost || next->first <= last + 1)) {
+    while (next != ranges_.end() && (last == kMaxNumber || next->first <= last + 1)) {
       last = std::max(last, next->second);
       next = ranges_.erase(next);
     }
@@ -64,13 +64,13 @@ class NumberSet {
   }
 
  private:
-  static constexpr std::uint64_t kMost = std::numeric_limits<std::uint64_t>::max();
+  static constexpr std::uint64_t kMaxNumber = std::numeric_limits<std::uint64_t>::max();
   std::map<std::uint64_t, std::uint64_t> ranges_;  // first to last, neither touching nor overlapping
 };
 
-/// What was recorded of things that somebody counts from 1 without gaps, and what was given up because it will never
-/// come. Only the word of others says the latter, so a thing that comes all the same is recorded, and from it on
-/// nothing counts as given up any more: one wrong number does not silence what follows.
+/// Numbers that were recorded of a stream that its sender counts from 1 without gaps, and numbers that were given up
+/// because they will never come. The latter rest on a message of others. So a number that comes all the same is
+/// recorded, and from it on nothing counts as given up: one wrong message does not silence what follows.
 class RecordedNumbers {
  public:
   /// Returns false when the number was recorded already.

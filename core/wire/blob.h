@@ -11,13 +11,13 @@
 #include "core/util/types.h"
 #include "idl/common.h"
 
-// Large things travel in chunks of MAX_CHUNK bytes, all full but the last; an empty thing is one empty chunk. The
-// classes below know which chunks have come, what to ask for next and when to ask again. Their users supply the
+// Large data is sent in chunks of MAX_CHUNK bytes. All but the last are full; empty data is one empty chunk. The
+// classes below know which chunks have come, what to request next and when to repeat a request. Their users supply the
 // messages.
 
 namespace citylearn {
 
-/// Returns the number of chunks of a thing of so many bytes.
+/// Returns the number of chunks for this many bytes.
 constexpr std::uint32_t chunk_count(std::uint64_t bytes) {
   return static_cast<std::uint32_t>(std::max<std::uint64_t>(1, (bytes + msg::MAX_CHUNK - 1) / msg::MAX_CHUNK));
 }
@@ -36,7 +36,7 @@ std::span<const Byte> chunk_of(std::span<const Byte> bytes, std::uint32_t chunk)
 /// `retry` without an answer.
 class RequestTimer {
  public:
-  static constexpr int kUsualTries = 6;  ///< for what somebody waits for
+  static constexpr int kDefaultTries = 6;  ///< for something that is waited for
 
   /// `most_tries`: requests in a row without an answer before it gives up; 0: it never does.
   explicit RequestTimer(std::chrono::milliseconds retry, int most_tries = 0) : retry_(retry), most_tries_(most_tries) {}
@@ -44,19 +44,19 @@ class RequestTimer {
   Clock::time_point due() const { return due_; }
   bool is_due(Clock::time_point now) const { return now >= due_; }
   bool gave_up(Clock::time_point now) const { return most_tries_ > 0 && tries_ >= most_tries_ && is_due(now); }
-  /// A request went out that brings at most so many answers.
+  /// Notes that a request went out that brings at most so many answers.
   void sent(Clock::time_point now, std::size_t answers) {
     expected_ = answers;
     ++tries_;
     due_ = now + retry_;
   }
-  /// One of them came.
+  /// Notes that one of them came.
   void answered(Clock::time_point now) {
     tries_ = 0;
     if (expected_ > 0) --expected_;
     due_ = expected_ > 0 ? now + retry_ : Clock::time_point{};
   }
-  /// There is something new to ask for.
+  /// Makes the timer due, because there is something new to ask for.
   void ask_now() { due_ = {}; }
 
  private:

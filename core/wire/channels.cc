@@ -9,7 +9,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostWriters = 4096;  // then the one that was used longest ago is
+constexpr std::size_t kMaxWriters = 4096;  // beyond, the one that was used longest ago is deleted
 
 }  // namespace
 
@@ -20,7 +20,7 @@ Topic Channels::topic(const Address& address) const {
 Channels::Writer& Channels::writer(const Address& address) {
   auto found = writers_.find(address);
   if (found == writers_.end()) {
-    if (writers_.size() >= kMostWriters)
+    if (writers_.size() >= kMaxWriters)
       writers_.erase(std::min_element(writers_.begin(), writers_.end(),
                                       [](const auto& a, const auto& b) { return a.second.used < b.second.used; }));
     found = writers_.emplace(address, Writer{middleware_->create_publisher(topic(address)), 0, {}}).first;
@@ -58,7 +58,7 @@ bool Channels::take(Bytes& sample) {
   return false;
 }
 
-void Channels::let_go(const Address& address) {
+void Channels::release_topics(const Address& address) {
   writers_.erase(address);
   delete_reader(address);
 }

@@ -9,9 +9,9 @@
 
 namespace citylearn {
 
-/// The writers and readers of one message type: on the topic of all, and on those of single services. A writer to a
-/// receiver is deleted when it was not used for some seconds, as anybody may ask for something under any name. Used by
-/// one thread at a time; must not outlive the middleware.
+/// The writers and readers of one message type, on the shared topic and on the topics of single services. A writer to a
+/// receiver is deleted when it was not used for some seconds, because any program may ask for something under any name.
+/// Used by one thread at a time. Must not outlive the middleware.
 class Channels {
  public:
   Channels(Middleware& middleware, const Topic& all, Addressing addressing)
@@ -29,12 +29,11 @@ class Channels {
 
   void create_reader(const Address& address);
   void delete_reader(const Address& address);
-  /// Takes a sample from the readers in turn, so that a busy one does not keep the others waiting; false when there is
-  /// none.
+  /// Takes a sample from the readers in turn, so that a busy one does not delay the others. Returns false without any.
   bool take(Bytes& sample);
 
   /// Deletes the writer and the reader of a topic.
-  void let_go(const Address& address);
+  void release_topics(const Address& address);
   Addressing addressing() const { return addressing_; }
 
  private:

@@ -32,7 +32,7 @@ constexpr std::string_view kPrefix = "citylearn/";  // of every topic
 template <std::size_t N>
 using Text = eprosima::fastrtps::fixed_string<N>;  // what fastddsgen makes of string<N>; cuts what is longer
 
-/// Where a Reader or Writer stands, for its errors. `Type.field: what`: the part before the colon is the kind of fault.
+/// The place of a Reader or Writer in a message, for errors: `Type.field: what`. Before the colon is the kind of fault.
 class Place {
  public:
   explicit Place(const std::string& type) : type_(type) {}
@@ -319,7 +319,7 @@ std::vector<Address> addresses_of(const Message& message) {
   const Header& header = message.header();
   const Address sender{header.session().c_str(), header.sender().c_str()};
   switch (addressing_of<Message>()) {
-    case Addressing::kAll:
+    case Addressing::kSharedTopic:
       break;
     case Addressing::kReceiver:
       if (std::string receiver = receiver_of(message); !receiver.empty()) return {{sender.session, receiver}};
@@ -334,10 +334,9 @@ std::vector<Address> addresses_of(const Message& message) {
 
 namespace {
 
-/// Returns a name as it may stand in a topic's name, which has at most 255 characters for both together. Others have
-/// others.
+/// Returns a name as part of a topic's name, where both have at most 255 characters. Different names stay different.
 std::string escaped(const std::string& name) {
-  constexpr std::size_t kLongest = 108, kKept = 90;
+  constexpr std::size_t kMaxLength = 108, kKeptLength = 90;
   std::string text;
   for (const char c : name)
     if (c == '-')
@@ -348,8 +347,8 @@ std::string escaped(const std::string& name) {
       text += "_u";
     else
       text += c;
-  if (text.size() <= kLongest) return text;
-  return text.substr(0, kKept) + "_x" + sha256(name).substr(0, 16);
+  if (text.size() <= kMaxLength) return text;
+  return text.substr(0, kKeptLength) + "_x" + sha256(name).substr(0, 16);
 }
 
 }  // namespace

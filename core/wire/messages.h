@@ -24,28 +24,28 @@
 
 namespace citylearn {
 
-/// Returns the topic of all of a message type; those of single services are topic_at(). Defined for every message of
-/// idl/ (messages.cc); other types do not link.
+/// Returns the topic of a message type that every service reads. topic_at() returns the topics of single services.
+/// Defined for every message of idl/ (messages.cc); other types do not link.
 template <class Message>
 const Topic& topic_of();
 
-/// On which topics messages of a type are sent (idl/generate.py), so that a message reaches only services that need it.
+/// The topics of a message type (idl/generate.py): a message reaches only the services that need it.
 enum class Addressing {
-  kAll,           ///< that of all
-  kReceiver,      ///< that of the service that the message names; that of all if it names none
-  kSender,        ///< that of the service that sends it
+  kSharedTopic,   ///< the topic that every service reads
+  kReceiver,      ///< the topic of the service that the message names; the shared topic if it names none
+  kSender,        ///< the topic of the service that sends it
   kSenderAndAll,  ///< both
 };
 template <class Message>
 Addressing addressing_of();
 Addressing addressing_of(const Topic& topic);
 
-/// On whose topic: a service of a session, or all, where both are empty.
+/// Names a topic by its service: one of a session, or all services where both are empty.
 struct Address {
   std::string session, id;
   auto operator<=>(const Address&) const = default;
 };
-/// Returns on whose topics a message is sent; the first one numbers it (Header.message).
+/// Returns the addresses of the topics on which a message is sent. The first one numbers it (Header.message).
 template <class Message>
 std::vector<Address> addresses_of(const Message& message);
 
@@ -58,8 +58,7 @@ std::string base_topic(const std::string& name);
 /// Returns the topics on which a message of this kind was sent, by its bytes. Throws Error as decode().
 std::vector<Topic> topics_of(const Topic& topic, std::span<const std::byte> bytes);
 
-/// Writes the CDR bytes of a message into `bytes` (its capacity is used again). Throws Error when a sequence is over
-/// its bound.
+/// Writes the CDR bytes of a message into `bytes` (capacity is reused). Throws Error when a sequence is over its bound.
 template <class Message>
 void encode(const Message& message, Bytes& bytes);
 

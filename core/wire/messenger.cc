@@ -34,15 +34,15 @@ const NodeOptions& checked(const NodeOptions& options) {
 /// those of one script do, because the incarnation alone says which service serves which. Processes of one host differ
 /// by number, those of containers, which all have the same one, by host or id.
 std::uint64_t new_incarnation(const std::string& id) {
-  constexpr std::uint64_t kProcesses = 64, kServices = 64, kAtOnce = kProcesses * kServices;
+  constexpr std::uint64_t kProcesses = 64, kServices = 64, kSlots = kProcesses * kServices;
   const std::uint64_t own = std::hash<std::string>{}(host_name() + " " + id) % kServices * kProcesses +
                             static_cast<std::uint64_t>(process_number()) % kProcesses;
-  if (Machine::simulated()) return microseconds_since_epoch() / kAtOnce * kAtOnce + own;  // `last` is of one process
+  if (Machine::simulated()) return microseconds_since_epoch() / kSlots * kSlots + own;  // `last` is of one process
   static std::atomic<std::uint64_t> last{0};
   std::uint64_t before = last, next = 0;
   do {
-    const std::uint64_t moment = std::max(microseconds_since_epoch() / kAtOnce, before / kAtOnce + 1);
-    next = moment * kAtOnce + own;
+    const std::uint64_t moment = std::max(microseconds_since_epoch() / kSlots, before / kSlots + 1);
+    next = moment * kSlots + own;
   } while (!last.compare_exchange_weak(before, next));
   return next;
 }
@@ -60,8 +60,8 @@ Messenger::~Messenger() {
   for (auto& [topic, channels] : channels_) channels.wait_for_acknowledgments(deadline);
 }
 
-void Messenger::let_go(const std::string& id) {
-  for (auto& [topic, channels] : channels_) channels.let_go(at(id));
+void Messenger::release_topics(const std::string& id) {
+  for (auto& [topic, channels] : channels_) channels.release_topics(at(id));
 }
 
 void Messenger::delete_idle_writers(Clock::time_point now) {

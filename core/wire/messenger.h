@@ -17,7 +17,7 @@ namespace citylearn {
 /// (Addressing). Used by one thread at a time.
 class Messenger {
  public:
-  /// Publishes in this node's session, or in the one given, for a node that hears all of them.
+  /// Publishes in this node's session. A node that hears all sessions names one.
   template <class Message>
   void publish(Message& message, const std::string& session = "") {
     stamp(message.header(), session);
@@ -46,20 +46,21 @@ class Messenger {
     return false;
   }
 
-  /// Creates the writer to all, or of this service's own topic, ahead of its first use, so that discovery begins now.
+  /// Creates the writer on the shared topic, or on this service's own, before its first use, so that discovery begins
+  /// now.
   template <class Message>
   void create_writer() {
     Channels& channels = channels_of<Message>();
     if (channels.addressing() != Addressing::kReceiver) channels.writer(own_address(channels.addressing()));
     if (channels.addressing() == Addressing::kSenderAndAll) channels.writer(at(options_.id));
   }
-  /// Creates the reader of what is sent to all, or to this service where messages name a receiver.
+  /// Creates the reader on the shared topic, or on this service's own topic where messages name a receiver.
   template <class Message>
   void create_reader() {
     create_reader_at<Message>(addressing_of<Message>() == Addressing::kReceiver ? options_.id : "");
   }
-  /// Create and delete the reader of one service's topic, of what it sends or is sent, or of that of all (id empty).
-  /// `session`: of that service, for a node that hears all sessions.
+  /// Create and delete the reader of one service's topic, for what it sends or is sent, or of the shared topic (empty
+  /// id). `session`: of that service, for a node that hears all sessions.
   template <class Message>
   void create_reader_at(const std::string& id, const std::string& session = "") {
     channels_of<Message>().create_reader(session.empty() ? at(id) : Address{session, id});
@@ -68,9 +69,9 @@ class Messenger {
   void delete_reader_at(const std::string& id) {
     channels_of<Message>().delete_reader(at(id));
   }
-  /// Deletes the writers and readers of this service's topics.
-  void let_go(const std::string& id);
-  /// Returns how many readers now get what this service sends to all, or on its own topic.
+  /// Deletes the writers and readers on the topics of service `id`.
+  void release_topics(const std::string& id);
+  /// Returns how many readers match this service's writer on the shared topic, or on its own topic.
   template <class Message>
   int readers() {
     return channels_of<Message>().writer(own_address(addressing_of<Message>())).publisher->matched();
@@ -101,14 +102,14 @@ class Messenger {
     for (const Address& address : addresses) channels_of<Message>().writer(address).publisher->publish(buffer_);
     traffic.sent_bytes += addresses.size() * buffer_.size();
   }
-  /// Returns the address of a service of this session; id empty: of all.
+  /// Returns the address of a service of this session, or the shared one for an empty id.
   Address at(const std::string& id) const { return id.empty() ? Address() : Address{options_.session, id}; }
   Address own_address(Addressing addressing) const { return at(addressing == Addressing::kSender ? options_.id : ""); }
   void stamp(msg::Header& header, const std::string& session) const;
   bool accept(const msg::Header& header);
   void reject(const Error& error);
 
-  std::map<const Topic*, Channels> channels_;  ///< by topic of all
+  std::map<const Topic*, Channels> channels_;  ///< by shared topic
   Bytes buffer_;
   std::set<std::string> rejected_;  ///< kinds logged: type and field
 };

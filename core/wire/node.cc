@@ -87,7 +87,7 @@ void Node::check_twin(const msg::ServiceStatus& status) {
   const double uptime = seconds_since(started_), older = status.uptime() - uptime;
   const bool is_new = Seconds(uptime) < kTwinGrace && status_.service_state() != msg::RUNNING;
   if (is_new &&
-      (Seconds(older) > kSameMoment || (Seconds(older) > -kSameMoment && header.incarnation() < incarnation_)))
+      (Seconds(older) > kStartTolerance || (Seconds(older) > -kStartTolerance && header.incarnation() < incarnation_)))
     throw Error("already runs in session '" + options_.session + "' of domain " +
                     std::to_string(options_.middleware.domain) + " on " + where,
                 "id '" + options_.id + "'", "choose another --id or --session");

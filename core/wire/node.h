@@ -28,12 +28,12 @@ class Node : public Messenger {
   /// Reports in every heartbeat, and once in the log, that `what` ("checkpoint") has a problem ("the disk is full; the
   /// one before is kept"), until called with an empty `problem`.
   void alarm(const std::string& what, const std::string& problem);
-  /// Throws Error when another process with this id was there first. Alarms when this one was, or is at work.
+  /// Throws Error when this process starts while another one has its id. Raises an alarm when this one was first.
   void check_twin(const msg::ServiceStatus& status);
   const Options& options() const { return options_; }
   DiscoveryMonitor& discovery() { return middleware_->discovery(); }
   std::string middleware_name() const { return middleware_->name(); }
-  /// What it tells Prometheus; heartbeats get there by themselves.
+  /// Returns the metrics for Prometheus. Heartbeats are entered by the node itself.
   Metrics& metrics() { return metrics_; }
 
  private:

@@ -8,7 +8,7 @@
 
 namespace citylearn {
 
-/// What a service is on the wire.
+/// Describes a service to the other services of its domain.
 struct NodeOptions {
   MiddlewareOptions middleware;
   std::string service;              ///< kind: "env_service"

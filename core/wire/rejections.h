@@ -8,8 +8,8 @@
 
 namespace citylearn {
 
-/// Counts messages that a service does not believe though they could be decoded, and logs the first one of each kind: a
-/// peer that sends wrong messages sends many of them. Used by the node's thread.
+/// Counts messages that could be decoded but are rejected, and logs the first one of each kind, because a peer that
+/// sends wrong messages sends many. Used by the node's thread.
 class Rejections {
  public:
   explicit Rejections(Node& node) : node_(node) {}

@@ -31,7 +31,7 @@ volatile std::sig_atomic_t stop_signal = 0;
 
 extern "C" void on_stop_signal(int signal) { stop_signal = signal; }
 
-/// Ends with one line where nobody catches an exception: threads of the DDS libraries find no memory either.
+/// Ends the process with one line when an exception is not caught: threads of the DDS libraries run out of memory, too.
 [[noreturn]] void on_terminate() {
   try {
     if (const std::exception_ptr thrown = std::current_exception()) std::rethrow_exception(thrown);
@@ -46,11 +46,11 @@ extern "C" void on_stop_signal(int signal) { stop_signal = signal; }
   std::_Exit(1);
 }
 
-/// Cyclone DDS aborts without a word when it finds no memory; Fast DDS when it finds a fault of its own, and says
-/// which. The process then ends as it would have.
+/// Prints why a DDS library aborted: Cyclone DDS does so silently when memory is short; Fast DDS names a fault of its
+/// own. The process then ends as it would have.
 extern "C" void on_abort(int) {
-  constexpr std::size_t kEnough = 64 << 20;
-  const bool room = mmap(nullptr, kEnough, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED;
+  constexpr std::size_t kReserve = 64 << 20;
+  const bool room = mmap(nullptr, kReserve, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED;
   print_last_line(program_invocation_short_name, room ? "aborted by a library, in which a check failed"
                                                       : "aborted by a library, which is out of memory");
 }
@@ -67,13 +67,13 @@ void install_handlers() {
   std::signal(SIGXFSZ, SIG_IGN);  // a file beyond `ulimit -f` is an error of its write, as on a full disk
 }
 
-/// The DDS libraries crash when they may open no more files.
+/// Throws Error when too few files may be open, because the DDS libraries then crash.
 void check_file_limit() {
-  constexpr rlim_t kLeast = 64;
+  constexpr rlim_t kMinOpenFiles = 64;
   rlimit files{};
-  if (getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur < kLeast)
+  if (getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur < kMinOpenFiles)
     throw Error("only " + std::to_string(files.rlim_cur) + " files may be open at a time", "ulimit -n",
-                "allow " + std::to_string(kLeast) + " or more");
+                "allow " + std::to_string(kMinOpenFiles) + " or more");
 }
 
 // A program built with -march=native must say so on a lesser processor instead of dying of an illegal instruction.

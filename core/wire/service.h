@@ -38,8 +38,7 @@ void add_node_options(CLI::App& app, Node::Options& options);
 /// Adds --metrics (CITYLEARN_METRICS), for services that make a Node.
 void add_metrics_option(CLI::App& app, Node::Options& options);
 
-/// Adds one option `--PREFIX-NAME` for each parameter of a plug-in; those given end up in `values` (name without
-/// prefix).
+/// Adds an option `--PREFIX-NAME` for each parameter of a plug-in. `values` gets the given ones, without the prefix.
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
                     std::map<std::string, double>& values);
 

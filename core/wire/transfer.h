@@ -13,14 +13,14 @@
 
 namespace citylearn {
 
-/// How the records of a traversal's frames stand in TraversalChunks (idl/traversal.idl): 1 + D floats a frame, end to
-/// end, cut every MAX_CHUNK bytes.
+/// The layout of a traversal's frames in TraversalChunks (idl/traversal.idl): 1 + D floats a frame, end to end, cut
+/// every MAX_CHUNK bytes.
 class ChunkLayout {
  public:
-  /// 1..MAX_FRAMES frames of 0..MAX_DIMENSION features.
+  /// Takes 1..MAX_FRAMES frames of 0..MAX_DIMENSION features.
   ChunkLayout(std::uint32_t frames, std::uint32_t dimension) : frames_(frames), width_(1 + std::uint64_t{dimension}) {}
 
-  /// At most 22,369,707, so 32 bits number them; bytes are counted in 64.
+  /// Returns the number of chunks: at most 22,369,707, so 32 bits number them. Bytes are counted in 64.
   std::uint32_t chunks() const { return chunk_of(frames_ * width_ - 1) + 1; }
   /// Returns the bytes of a chunk; 0 beyond the last.
   std::size_t bytes(std::uint32_t chunk) const;

@@ -16,7 +16,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t kReadersKept = 16;
+constexpr std::size_t kMaxIdleReaders = 16;
 
 std::uint64_t file_bytes(const std::string& path) {
   struct stat status {};
@@ -50,7 +50,7 @@ Api::BorrowedReader::~BorrowedReader() {
   // A reader that failed may stand in the middle of its rows.
   if (std::uncaught_exceptions() > unwinding_) return;
   std::lock_guard lock(api_.mutex_);
-  if (api_.readers_.size() < kReadersKept) api_.readers_.push_back(std::move(reader_));
+  if (api_.readers_.size() < kMaxIdleReaders) api_.readers_.push_back(std::move(reader_));
 }
 
 Api::Api(const Options& options, Store& store, LiveView* live)

@@ -30,8 +30,8 @@ class Api {
     std::string recognition;               ///< folder of vpr's results; empty: none
     std::function<bool()> recording;       ///< whether episodes reach the store now; unset: they do
     double silence = kRunSilence.count();  ///< seconds without news after which a run counts as lost
-    /// What is shown is a recording. Whether a run goes on is then said by its policy_service's heartbeats alone, as
-    /// a recording may stand still.
+    /// Set when a recording is shown. Only heartbeats of its policy_service then say whether a run goes on, because a
+    /// recording may be paused.
     PlaybackControl* playback = nullptr;
   };
   /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.

@@ -17,7 +17,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t kFiguresKept = 10000;
+constexpr std::size_t kMaxCachedFigures = 10000;
 
 double shortest(double value) {
   if (!std::isfinite(value)) return value;
@@ -168,9 +168,9 @@ Answer Api::training(const RunRow& row, const Query& query) {
       throw RequestError(400, "parameter 'columns' names '" + name + "' twice");
     wanted.columns.push_back(column);
   }
-  constexpr double kMost = 1e18;
-  wanted.from = number_parameter<double>(query, "from", -kMost, kMost);
-  wanted.to = number_parameter<double>(query, "to", -kMost, kMost);
+  constexpr double kMaxValue = 1e18;
+  wanted.from = number_parameter<double>(query, "from", -kMaxValue, kMaxValue);
+  wanted.to = number_parameter<double>(query, "to", -kMaxValue, kMaxValue);
   const int points = number_parameter<int>(query, "points", 10, 20000).value_or(2000);
   BorrowedReader reader(*this);
   const Decimator rows = reader->training(wanted, static_cast<std::size_t>(points));
@@ -198,22 +198,22 @@ Answer Api::training(const RunRow& row, const Query& query) {
 Answer Api::episodes(const RunRow& row, const Query& query) {
   allow_only(query, {"limit", "before", "until", "evaluation", "traversal", "policy", "update", "shuffled", "completed",
                      "order"});
-  constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+  constexpr std::int64_t kMaxValue = std::numeric_limits<std::int64_t>::max();
   EpisodeFilter filter;
   filter.evaluation = flag_parameter(query, "evaluation");
   filter.completed = flag_parameter(query, "completed");
   filter.shuffled = flag_parameter(query, "shuffled");
   filter.traversal = text_parameter(query, "traversal");
   filter.policy = text_parameter(query, "policy");
-  if (const auto update = number_parameter<std::int64_t>(query, "update", 0, kMost))
+  if (const auto update = number_parameter<std::int64_t>(query, "update", 0, kMaxValue))
     filter.update = static_cast<std::uint64_t>(*update);
-  const auto before = number_parameter<std::int64_t>(query, "before", 0, kMost);
+  const auto before = number_parameter<std::int64_t>(query, "before", 0, kMaxValue);
   const int limit = number_parameter<int>(query, "limit", 1, 10000).value_or(100);
   const std::string order = text_parameter(query, "order").value_or("newest");
   if (order != "newest" && order != "worst")
     throw RequestError(400, "parameter 'order' must be newest or worst, is '" + order + "'");
   if (before && order == "worst") throw RequestError(400, "parameter 'before' goes with order=newest only");
-  const auto until = number_parameter<std::int64_t>(query, "until", 0, kMost);
+  const auto until = number_parameter<std::int64_t>(query, "until", 0, kMaxValue);
   if (until && filter.evaluation.value_or(true))
     throw RequestError(400, "parameter 'until' counts training episodes: it goes with evaluation=0 only");
   BorrowedReader reader(*this);
@@ -249,7 +249,7 @@ Answer Api::evaluations(const RunRow& row) {
     if (!known) {
       known = evaluate(reader->tasks(row.id, group.key));
       std::lock_guard lock(mutex_);
-      if (evaluations_.size() >= kFiguresKept) evaluations_.clear();
+      if (evaluations_.size() >= kMaxCachedFigures) evaluations_.clear();
       evaluations_[key] = {group.episodes, group.newest, *known};
     }
     list.push_back({{"policy", group.key.policy},

@@ -14,10 +14,10 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t kMostTags = 32;
-constexpr std::size_t kLongestTag = 64, kLongestNote = 2000;  // bytes
-constexpr std::size_t kLongestRun = 1024;                     // likewise, of an ID
-constexpr double kSlowest = 0.01, kFastest = 1000;
+constexpr std::size_t kMaxTags = 32;
+constexpr std::size_t kMaxTagBytes = 64, kMaxNoteBytes = 2000;  // bytes
+constexpr std::size_t kMaxRunIdBytes = 1024;                    // likewise, of an ID
+constexpr double kMinSpeed = 0.01, kMaxSpeed = 1000;
 
 /// Returns whether a text has control characters (those of ASCII) but `allowed` ones.
 bool has_control(std::string_view text, std::string_view allowed = "") {
@@ -41,15 +41,15 @@ std::optional<std::string> text_member(const Json& object, const char* name, std
 }
 
 std::vector<std::string> tags_of(const Json& json) {
-  const RequestError wrong(400, "'tags' must be at most " + std::to_string(kMostTags) + " different texts of 1 to " +
-                                    std::to_string(kLongestTag) +
+  const RequestError wrong(400, "'tags' must be at most " + std::to_string(kMaxTags) + " different texts of 1 to " +
+                                    std::to_string(kMaxTagBytes) +
                                     " bytes on one line, without commas, or spaces at their ends");
-  if (!json.is_array() || json.size() > kMostTags) throw wrong;
+  if (!json.is_array() || json.size() > kMaxTags) throw wrong;
   std::vector<std::string> tags;
   for (const Json& one : json) {
     if (!one.is_string()) throw wrong;
     const auto& tag = one.get_ref<const std::string&>();
-    if (tag.empty() || tag.size() > kLongestTag || tag.front() == ' ' || tag.back() == ' ' || has_control(tag) ||
+    if (tag.empty() || tag.size() > kMaxTagBytes || tag.front() == ' ' || tag.back() == ' ' || has_control(tag) ||
         tag.find(',') != tag.npos || std::find(tags.begin(), tags.end(), tag) != tags.end())
       throw wrong;
     tags.push_back(tag);
@@ -64,14 +64,14 @@ Json speed_json(double speed) { return speed == 0 ? Json("max") : Json(speed); }
 double speed_of(const Json& json) {
   if (json == "max") return 0;
   const double speed = json.is_number() ? json.get<double>() : 0;
-  if (!(speed >= kSlowest && speed <= kFastest))
+  if (!(speed >= kMinSpeed && speed <= kMaxSpeed))
     throw RequestError(400, "'speed' must be \"max\" or a number from 0.01 to 1000, is " + text_of(json));
   return speed;
 }
 
 Moment moment_of(const Json& json) {
   const RequestError wrong(400, "'moment' must be the 'run' and one number from 0 on: " + joined(moment_axes()));
-  const std::string run = text_member(json, "run", kLongestRun).value_or("");
+  const std::string run = text_member(json, "run", kMaxRunIdBytes).value_or("");
   if (run.empty() || json.size() != 2) throw wrong;
   for (const std::string& axis : moment_axes())
     if (json.contains(axis) && number_of(json[axis]) >= 0) return {run, axis, number_of(json[axis])};
@@ -143,7 +143,7 @@ Answer Api::annotate(const std::string& name, const Query& query) {
   const Json wanted = object_of(query, {"tags", "note"});
   std::optional<std::vector<std::string>> tags;
   if (wanted.contains("tags")) tags = tags_of(wanted["tags"]);
-  const auto note = text_member(wanted, "note", kLongestNote, Lines::kAny);
+  const auto note = text_member(wanted, "note", kMaxNoteBytes, Lines::kAny);
   if (!store_.annotate(name, tags, note)) not_found("run '" + name + "' not found (GET /api/runs lists them)");
   std::optional<RunRow> row;
   {

@@ -12,9 +12,9 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kRowsOfPiece = 500;
+constexpr std::size_t kRowsPerPiece = 500;
 
-/// An answer to be kept as a file.
+/// Returns an answer to be kept as a file.
 Answer file_answer(const std::string& run, const std::string& what, bool csv) {
   Answer answer;
   answer.type = csv ? "text/csv; charset=utf-8" : "application/json";
@@ -57,8 +57,8 @@ Answer Api::all_training(const RunRow& row, bool csv) {
                          ++rows;
                          next = static_cast<std::uint64_t>(values[0]) + 1;
                        },
-                       {next, last, kRowsOfPiece});
-      return rows == kRowsOfPiece;
+                       {next, last, kRowsPerPiece});
+      return rows == kRowsPerPiece;
     });
   }
   // A column after the other, so the store is read once a column. Updates that are added or removed meanwhile must not
@@ -94,8 +94,8 @@ Answer Api::all_training(const RunRow& row, bool csv) {
           ++rows;
           next = update + 1;
         },
-        {next, last, kRowsOfPiece}, &figure);
-    if (rows == kRowsOfPiece) return true;
+        {next, last, kRowsPerPiece}, &figure);
+    if (rows == kRowsPerPiece) return true;
     append_missing(last + 1);
     to += ']';
     first = true;
@@ -115,7 +115,7 @@ Answer Api::all_episodes(const RunRow& row, bool csv) {
   // As many as there are now: what is recorded meanwhile comes behind them.
   return begun(std::move(answer), [this, csv, run = row.id, left = row.recorded, total = std::uint64_t{0},
                                    next = std::uint64_t{0}](std::string& text) mutable {
-    const std::size_t wanted = std::min<std::uint64_t>(left, kRowsOfPiece);
+    const std::size_t wanted = std::min<std::uint64_t>(left, kRowsPerPiece);
     std::size_t rows = 0;
     BorrowedReader reader(*this);
     reader->episodes(run,

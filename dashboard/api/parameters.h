@@ -13,7 +13,7 @@
 
 namespace citylearn {
 
-/// What is wrong with a request, as the answer to it. Caught in Api::answer().
+/// The error of a request, which Api::answer() returns as the answer to it.
 class RequestError : public std::exception {
  public:
   RequestError(int status, const std::string& what) : answer(error_answer(status, what)) {}

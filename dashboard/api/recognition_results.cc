@@ -13,8 +13,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMostFolders = 1000;
-constexpr std::size_t kMostBytes = 32 << 20;  // of a file: what vpr writes is far smaller
+constexpr std::size_t kMaxFolders = 1000;
+constexpr std::size_t kMaxResultBytes = 32 << 20;  // of a file: what vpr writes is far smaller
 constexpr const char* kSummary = "results.json";
 constexpr const char* kCurves = "curves.json";
 constexpr const char* kRemedy = "run vpr again";
@@ -44,7 +44,7 @@ std::vector<RecognitionResults::Folder> RecognitionResults::folders() const {
   look(root, root.has_filename() ? root.filename().string() : root.parent_path().filename().string());
   std::error_code none;
   for (const fs::directory_entry& entry : fs::directory_iterator(root, none)) {
-    if (found.size() >= kMostFolders) break;
+    if (found.size() >= kMaxFolders) break;
     if (entry.is_directory(none)) look(entry.path(), entry.path().filename().string());
   }
   std::sort(found.begin(), found.end(), [](const Folder& a, const Folder& b) { return a.time > b.time; });
@@ -64,7 +64,7 @@ nlohmann::json RecognitionResults::list() const {
     const std::string path = folder.path + "/" + kSummary;
     nlohmann::json result = nlohmann::json::object();
     try {
-      nlohmann::json summary = parse_json(read_file(path, kMostBytes), path, kRemedy);
+      nlohmann::json summary = parse_json(read_file(path, kMaxResultBytes), path, kRemedy);
       if (!summary.is_object()) throw Error("is not what vpr writes", path, kRemedy);
       result = std::move(summary);
     } catch (const std::exception& error) {
@@ -83,7 +83,7 @@ std::optional<std::string> RecognitionResults::curves(const std::string& name) c
   if (!folder) return std::nullopt;
   const std::string path = folder->path + "/" + kCurves;
   if (!fs::exists(path) || fs::is_symlink(path)) return std::nullopt;  // an older vpr wrote none
-  return read_file(path, kMostBytes);
+  return read_file(path, kMaxResultBytes);
 }
 
 std::optional<std::string> RecognitionResults::matrix(const std::string& name, const std::string& matrix) const {
@@ -92,7 +92,7 @@ std::optional<std::string> RecognitionResults::matrix(const std::string& name, c
   const auto found =
       matrix.empty() ? folder->matrices.begin() : std::find(folder->matrices.begin(), folder->matrices.end(), matrix);
   if (found == folder->matrices.end()) return std::nullopt;
-  return read_file(folder->path + "/" + *found, kMostBytes);
+  return read_file(folder->path + "/" + *found, kMaxResultBytes);
 }
 
 }  // namespace citylearn

@@ -20,7 +20,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kShortestToken = 16, kLongestToken = 1024;
+constexpr std::size_t kMinTokenLength = 16, kMaxTokenLength = 1024;
 
 std::string random_text(std::size_t bytes) {
   unsigned char random[32];
@@ -54,7 +54,7 @@ std::string read_token(const std::string& path) {
   if (file < 0 && errno == ENOENT) return create_token(path);
   if (file < 0) throw Error(std::string("cannot read it: ") + std::strerror(errno), where);
   struct stat facts {};
-  std::string token(kLongestToken + 2, '\0');
+  std::string token(kMaxTokenLength + 2, '\0');
   const bool known = ::fstat(file, &facts) == 0;
   const ssize_t count = ::read(file, token.data(), token.size());
   ::close(file);
@@ -63,7 +63,7 @@ std::string read_token(const std::string& path) {
   token.resize(static_cast<std::size_t>(count));
   while (!token.empty() && (token.back() == '\n' || token.back() == '\r')) token.pop_back();
   const bool plain = std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < '\x7F'; });
-  if (!plain || token.size() < kShortestToken || token.size() > kLongestToken)
+  if (!plain || token.size() < kMinTokenLength || token.size() > kMaxTokenLength)
     throw Error("holds no valid token", where, "one line of 16 to 1024 letters and digits; delete it to get a new one");
   return token;
 }

@@ -51,7 +51,7 @@ class ClientHub : public Hub {
     /// Replaces the watched topics. Drops what waits of other topics. Of a new kReplace topic that another client
     /// watches already, the newest message waits at once.
     void watch(const std::set<std::string>& topics);
-    /// Returns the next frame, oldest topic first. After it returned nothing, `wake` is called once for the next
+    /// Returns the next frame, the oldest topic first. Once it has returned nothing, `wake` is called at the next
     /// message.
     std::optional<Frame> next();
 
@@ -60,8 +60,8 @@ class ClientHub : public Hub {
     Client(ClientHub& hub, std::function<void()> wake) : hub_(hub), wake_(std::move(wake)) {}
     ClientHub& hub_;
     const std::function<void()> wake_;
-    /// What the client has not taken of one topic. kReplace: the topic's newest; kEach: a message a frame; kAppend: all
-    /// messages in one frame.
+    /// Messages of one topic that the client has not taken. kReplace: the newest one; kEach: one message a frame;
+    /// kAppend: all messages in one frame.
     struct Waiting {
       std::deque<std::shared_ptr<const Message>> messages;  // empty for kReplace
       std::size_t rows = 0;                                 // of all messages, less `skipped`

@@ -39,7 +39,7 @@ using Time = Connection::Time;
 
 constexpr int kSendBuffer = 256 << 10;  // what waits in the kernel is old when a slow client gets it
 constexpr std::size_t kLingerBytes = 1 << 20;
-constexpr std::chrono::milliseconds kLingerTime{2000};
+constexpr std::chrono::milliseconds kLingerTimeout{2000};
 
 Time now() { return Time::clock::now(); }
 
@@ -60,7 +60,7 @@ std::string http_date() {
 
 using Response = http::response<http::span_body<const char>>;
 
-/// Nothing of ours may be framed, sniffed, read by other sites, or fetch anything from elsewhere.
+/// Forbids browsers to frame or sniff an answer, to let other sites read it, and to fetch anything from elsewhere.
 void put_strict_headers(http::fields& fields) {
   fields.set("Content-Security-Policy",
              "default-src 'self'; img-src 'self' data: blob:; connect-src 'self'; style-src 'self'; "
@@ -335,7 +335,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     co_return !error;
   }
 
-  /// The client has to take what is sent next.
+  /// Sets the deadline by which the client has to take what is sent next.
   void wait_for_client() {
     idle = true;
     since = now();
@@ -348,7 +348,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     socket().shutdown(tcp::socket::shutdown_send, error);
     idle = true;
     since = now();
-    deadline = since + std::min<std::chrono::milliseconds>(context_.options.request_time, kLingerTime);
+    deadline = since + std::min<std::chrono::milliseconds>(context_.options.request_time, kLingerTimeout);
     std::string discarded(16 << 10, '\0');
     for (std::size_t taken = 0; !error && taken < kLingerBytes;) {
       const std::size_t count = co_await socket().async_read_some(asio::buffer(discarded), with(error));
@@ -371,7 +371,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     live_->control_callback([this](websocket::frame_type kind, beast::string_view) {
       heard_ = now();
       if (kind != websocket::frame_type::close) return;
-      deadline = heard_ + kLingerTime;  // to take our close frame
+      deadline = heard_ + kLingerTimeout;  // to take our close frame
       client_->watch({});
     });
     co_await live_->async_accept(request, with(error));
@@ -397,7 +397,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
                                             : std::optional<std::set<std::string>>();
       if (!topics) {
         ++context_.malformed;
-        deadline = now() + kLingerTime;
+        deadline = now() + kLingerTimeout;
         const websocket::close_reason reason(websocket::close_code::policy_error,
                                              R"(send {"watch": [at most 64 topics]})");
         co_await live_->async_close(reason, with(error));

@@ -12,7 +12,7 @@ namespace citylearn {
 /// May be used by any thread; never waits for a client.
 class Hub {
  public:
-  /// How a new message of a topic joins those that a client has not taken yet.
+  /// Says how a new message of a topic joins those that a client has not taken yet.
   enum class Merge {
     kReplace,  ///< the newest replaces them
     kAppend,   ///< rows are joined (header "rows", payload row-major); beyond a bound the oldest are dropped

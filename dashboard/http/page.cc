@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMostBytes = 64u << 20;
+constexpr std::size_t kMaxBytes = 64u << 20;
 
 std::string type_of(const fs::path& path) {
   static const std::map<std::string, std::string> types = {{".html", "text/html; charset=utf-8"},
@@ -44,7 +44,7 @@ Page::Page(const std::string& folder) {
     if (entry.is_symlink() || !entry.is_regular_file()) continue;
     const std::string name = "/" + fs::relative(entry.path(), folder).generic_string();
     bytes += entry.file_size();
-    if (bytes > kMostBytes) throw Error("more than 64 MiB of files", folder, "is this the folder of the built page?");
+    if (bytes > kMaxBytes) throw Error("more than 64 MiB of files", folder, "is this the folder of the built page?");
     std::string body = read_file(entry.path());
     if (entry.path().extension() == ".gz") {
       compressed[name.substr(0, name.size() - 3)] = std::move(body);

@@ -13,7 +13,7 @@ namespace citylearn {
 
 struct ServerContext;
 
-/// What the dashboard reads of a request's header. An empty field is absent.
+/// The fields of a request's header that the dashboard reads. An empty field is absent.
 struct RequestHead {
   std::string_view method;
   Access::Request credentials;

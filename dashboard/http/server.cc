@@ -53,8 +53,8 @@ const char kBusy[] =
 
 }  // namespace
 
-struct Server::Inside {
-  Inside(const ServerOptions& options, ClientHub& hub, Handlers handlers)
+struct Server::Impl {
+  Impl(const ServerOptions& options, ClientHub& hub, Handlers handlers)
       : context(options, hub, std::move(handlers)), acceptor(context.io), ticker(context.io) {}
 
   void open();
@@ -69,7 +69,7 @@ struct Server::Inside {
   std::thread thread;
 };
 
-void Server::Inside::open() {
+void Server::Impl::open() {
   const ServerOptions& options = context.options;
   Access::Options access{options.listen, options.port, options.token_file, options.allow_hosts, false};
   context.tls = open_tls(options);
@@ -105,7 +105,7 @@ void Server::Inside::open() {
   }
 }
 
-asio::awaitable<void> Server::Inside::accept() {
+asio::awaitable<void> Server::Impl::accept() {
   for (;;) {
     tcp::socket socket(context.io);
     error_code error;
@@ -132,7 +132,7 @@ asio::awaitable<void> Server::Inside::accept() {
   }
 }
 
-asio::awaitable<void> Server::Inside::tick() {
+asio::awaitable<void> Server::Impl::tick() {
   const ServerOptions& options = context.options;
   const auto shortest = std::min({options.request_time, options.ping, options.patience});
   const auto period = std::clamp<std::chrono::milliseconds>(shortest / 8, std::chrono::milliseconds(5),
@@ -145,27 +145,27 @@ asio::awaitable<void> Server::Inside::tick() {
 }
 
 Server::Server(const ServerOptions& options, ClientHub& hub, Handlers handlers)
-    : inside_(std::make_unique<Inside>(options, hub, std::move(handlers))) {
-  Inside& inside = *inside_;
-  inside.open();
+    : impl_(std::make_unique<Impl>(options, hub, std::move(handlers))) {
+  Impl& impl = *impl_;
+  impl.open();
   asio::co_spawn(
-      inside.context.io, [&inside] { return inside.accept(); }, asio::detached);
+      impl.context.io, [&impl] { return impl.accept(); }, asio::detached);
   asio::co_spawn(
-      inside.context.io, [&inside] { return inside.tick(); }, asio::detached);
-  inside.thread = std::thread([&inside] { inside.context.io.run(); });
+      impl.context.io, [&impl] { return impl.tick(); }, asio::detached);
+  impl.thread = std::thread([&impl] { impl.context.io.run(); });
 }
 
 Server::~Server() {
-  inside_->context.io.stop();
-  inside_->thread.join();
-  inside_->context.workers.stop();
-  inside_->context.workers.join();
+  impl_->context.io.stop();
+  impl_->thread.join();
+  impl_->context.workers.stop();
+  impl_->context.workers.join();
 }
 
-std::uint16_t Server::port() const { return inside_->endpoint.port(); }
+std::uint16_t Server::port() const { return impl_->endpoint.port(); }
 
-std::string Server::url() const { return inside_->url; }
+std::string Server::url() const { return impl_->url; }
 
-std::string Server::link() const { return inside_->url + inside_->login; }
+std::string Server::link() const { return impl_->url + impl_->login; }
 
 }  // namespace citylearn

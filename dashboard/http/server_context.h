@@ -16,7 +16,7 @@
 
 namespace citylearn {
 
-/// What the connections of a server share. Used by the server's thread alone, except where a comment says otherwise.
+/// State that all connections of a server share. Used by the server's thread alone unless a comment says otherwise.
 struct ServerContext {
   ServerContext(const ServerOptions& given, ClientHub& live, Server::Handlers functions)
       : options(given),

@@ -8,7 +8,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostTopics = 64, kLongestTopic = 512;  // IDs of runs are long
+constexpr std::size_t kMaxTopics = 64, kMaxTopicLength = 512;  // IDs of runs are long
 
 int hex_digit(char c) {
   if (c >= '0' && c <= '9') return c - '0';
@@ -84,10 +84,10 @@ std::optional<Target> parse_target(std::string_view text) {
 std::optional<std::set<std::string>> parse_watch(const std::string& text) {
   const auto said = parse_json_or_null(text);
   if (!said.is_object() || !said.contains("watch") || !said["watch"].is_array()) return std::nullopt;
-  if (said["watch"].size() > kMostTopics) return std::nullopt;
+  if (said["watch"].size() > kMaxTopics) return std::nullopt;
   std::set<std::string> topics;
   for (const auto& topic : said["watch"]) {
-    if (!topic.is_string() || topic.get_ref<const std::string&>().size() > kLongestTopic) return std::nullopt;
+    if (!topic.is_string() || topic.get_ref<const std::string&>().size() > kMaxTopicLength) return std::nullopt;
     topics.insert(topic.get<std::string>());
   }
   return topics;

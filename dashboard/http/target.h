@@ -17,12 +17,10 @@ struct Target {
   std::map<std::string, std::string> parameters;  ///< of the query string, percent-decoded; '+' is a space
 };
 
-/// Returns nothing when `text` is not an absolute path, does not decode to UTF-8 without zero bytes, or has a parameter
-/// twice.
+/// Returns nothing for a text that is not an absolute path, is not UTF-8 without zero bytes, or repeats a parameter.
 std::optional<Target> parse_target(std::string_view text);
 
-/// Returns the topics that a client of /api/live sends: {"watch": [at most 64 topics]}. Returns nothing for other
-/// texts.
+/// Returns the topics in a client's message {"watch": [at most 64 topics]} to /api/live; nothing for other texts.
 std::optional<std::set<std::string>> parse_watch(const std::string& text);
 
 /// Returns whether `text` is well-formed UTF-8 without zero bytes (RFC 3629: no overlong forms, no surrogates).

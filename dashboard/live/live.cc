@@ -19,7 +19,7 @@ using Json = nlohmann::json;
 
 static_assert(std::endian::native == std::endian::little, "payloads are copied as they are");
 
-constexpr std::size_t kMostAsked = 64, kMostHosted = 4096, kMostRuns = 4096, kMostScenes = 256;
+constexpr std::size_t kMaxRequested = 64, kMaxHosted = 4096, kMaxRuns = 4096, kMaxScenes = 256;
 
 std::string source_of(const msg::Header& header) {
   return std::string(header.sender().c_str()) + "@" + header.session().c_str();
@@ -54,7 +54,7 @@ void Live::on_message(const msg::TraversalInfo& info) {
   hosted = {hosted.process,
             {environment.second, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(),
              info.hash(), info.frames(), info.agents(), info.images()}};
-  if (hosted_.size() <= kMostHosted) return;
+  if (hosted_.size() <= kMaxHosted) return;
   const auto dead = std::find_if(hosted_.begin(), hosted_.end(), [this](const auto& entry) {
     return !services_.is_alive(entry.first.first, entry.first.second);
   });
@@ -62,7 +62,7 @@ void Live::on_message(const msg::TraversalInfo& info) {
 }
 
 void Live::on_message(const msg::RunInfo& info) {
-  if (runs_.size() >= kMostRuns) runs_.clear();  // each that goes on is repeated within a second
+  if (runs_.size() >= kMaxRuns) runs_.clear();  // each that goes on is repeated within a second
   runs_[{Sender(info.header()), info.run_id()}] = run_id(info);
 }
 
@@ -116,7 +116,7 @@ void Live::poll() {
   if (services_changed_ && now >= next_services_) publish_services();
   while (reads_scenes_ && node_.take(scene_)) {
     const std::string source = source_of(scene_.header());
-    if (scenes_.size() >= kMostScenes && !scenes_.contains(source)) scenes_.clear();
+    if (scenes_.size() >= kMaxScenes && !scenes_.contains(source)) scenes_.clear();
     scenes_[source] = scene_;
     publish_scene(scene_);
   }
@@ -288,7 +288,7 @@ LiveView::Map Live::map(std::uint64_t hash) {
       if (maps_.fetching(hash)) return {Readiness::kComing, {}};
       const auto host = host_of(hash, false, 0);
       if (!host) return {Readiness::kNone, {}};
-      if (maps_asked_.size() < kMostAsked) maps_asked_[hash] = *host;
+      if (maps_asked_.size() < kMaxRequested) maps_asked_[hash] = *host;
       return {Readiness::kComing, {}};
     }
   }
@@ -332,7 +332,7 @@ LiveView::Picture Live::frame(std::uint64_t hash, std::uint32_t index) {
   if (frames_coming_.contains(key)) return {Readiness::kComing, {}, {}};
   const auto host = host_of(hash, true, index);
   if (!host) return {Readiness::kNone, {}, {}};
-  if (frames_asked_.size() < kMostAsked) frames_asked_[key] = *host;
+  if (frames_asked_.size() < kMaxRequested) frames_asked_[key] = *host;
   return {Readiness::kComing, {}, {}};
 }
 

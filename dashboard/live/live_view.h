@@ -8,8 +8,8 @@
 
 namespace citylearn {
 
-/// What the API reads of the live services, as JSON of docs/reference/dashboard-api.md. May be used by several threads
-/// at once; never waits for a message.
+/// Gives the API its answers about live services, as JSON of docs/reference/dashboard-api.md. May be used by several
+/// threads at once. Never waits for a message.
 class LiveView {
  public:
   enum class Readiness {

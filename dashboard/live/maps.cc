@@ -17,9 +17,9 @@ std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
 }
 
 void Maps::fetch(std::uint64_t hash, const std::string& session, const std::string& environment) {
-  if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMost) return;
+  if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMaxMaps) return;
   fetches_.try_emplace(hash, Fetch{session, environment, std::make_shared<RouteMap>(),
-                                   RequestTimer(kDashboardRetry, RequestTimer::kUsualTries)});
+                                   RequestTimer(kDashboardRetry, RequestTimer::kDefaultTries)});
 }
 
 void Maps::poll(Clock::time_point now) {
@@ -77,7 +77,7 @@ void Maps::on_message(const msg::MapChunk& chunk, Clock::time_point now) {
     for (const auto& [hash, kept] : maps_) sum += kept.map->frames;
     return sum;
   };
-  while (maps_.size() > 1 && (maps_.size() > kMost || frames() > kMostFrames))
+  while (maps_.size() > 1 && (maps_.size() > kMaxMaps || frames() > kMaxFrames))
     maps_.erase(std::min_element(maps_.begin(), maps_.end(),
                                  [](const auto& a, const auto& b) { return a.second.used < b.second.used; }));
 }

@@ -15,8 +15,8 @@ namespace citylearn {
 /// Fetches maps of traversals from env_services on request, and caches them. Used by one thread at a time.
 class Maps {
  public:
-  static constexpr std::size_t kMost = 32;             ///< kept
-  static constexpr std::size_t kMostFrames = 4 << 20;  ///< of all together
+  static constexpr std::size_t kMaxMaps = 32;         ///< kept
+  static constexpr std::size_t kMaxFrames = 4 << 20;  ///< of all together
 
   explicit Maps(Node& node) : node_(node) {}
   /// Returns null while it is not complete.

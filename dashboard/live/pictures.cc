@@ -11,8 +11,8 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostFetches = 4;    // at once: a picture may have 64 MiB
-constexpr std::size_t kMostOriginals = 4;  // that wait to be made small
+constexpr std::size_t kMaxFetches = 4;    // at once: a picture may have 64 MiB
+constexpr std::size_t kMaxOriginals = 4;  // that wait to be shrunk
 
 }  // namespace
 
@@ -35,7 +35,7 @@ bool Pictures::fetch_spare(const PictureKey& key, const Source& source, bool idl
   return true;
 }
 
-RequestTimer Pictures::timer() const { return RequestTimer(options_.patience, RequestTimer::kUsualTries); }
+RequestTimer Pictures::timer() const { return RequestTimer(options_.patience, RequestTimer::kDefaultTries); }
 
 bool Pictures::fetching(const PictureKey& key) {
   if (fetches_.contains(key)) return true;
@@ -64,7 +64,7 @@ void Pictures::poll(Clock::time_point now) {
     const std::lock_guard lock(mutex_);
     originals = originals_.size();
   }
-  if (waiting_.empty() || now < next_ || fetches_.size() >= kMostFetches || originals >= kMostOriginals) return;
+  if (waiting_.empty() || now < next_ || fetches_.size() >= kMaxFetches || originals >= kMaxOriginals) return;
   newest_next_ = !newest_next_;
   const auto [key, source] = newest_next_ ? waiting_.back() : waiting_.front();
   newest_next_ ? waiting_.pop_back() : waiting_.pop_front();
@@ -76,7 +76,7 @@ void Pictures::poll(Clock::time_point now) {
 Clock::time_point Pictures::due() const {
   Clock::time_point due = Clock::time_point::max();
   for (const auto& [key, fetch] : fetches_) due = std::min(due, fetch.timer.due());
-  if (!waiting_.empty() && fetches_.size() < kMostFetches) due = std::min(due, next_);
+  if (!waiting_.empty() && fetches_.size() < kMaxFetches) due = std::min(due, next_);
   return due;
 }
 

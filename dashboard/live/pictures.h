@@ -28,8 +28,8 @@ class Pictures {
     std::chrono::milliseconds between = kPictureInterval;  ///< requests of pictures
     std::chrono::milliseconds patience = kDashboardRetry;  ///< until a missing chunk is requested again
     std::size_t most_waiting = 64;                         ///< beyond, the oldest are dropped
-    /// Of pictures that nobody waits for: the pause after one, in times that it took, so that an env_service that works
-    /// is busy with them for 2 % of its time, and an idle one for 20 %; and bytes a second, on average.
+    /// Limits for pictures that nobody waits for: the pause after one, as a multiple of the time that it took, so that
+    /// a working env_service spends 2 % of its time on them and an idle one 20 %; and bytes a second, on average.
     int spare_pause = 50, idle_pause = 4;
     std::size_t spare_rate = std::size_t{1} << 20;
   };

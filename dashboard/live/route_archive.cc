@@ -11,7 +11,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostFailed = 10'000;  // remembered
+constexpr std::size_t kMaxFailed = 10'000;  // remembered
 
 }  // namespace
 
@@ -79,7 +79,7 @@ void RouteArchive::take_picture() {
     kept = store_.keep(request.key.hash, request.place,
                        shrink(Bytes(bytes, bytes + picture->bytes.size()), options_.limits, "a picture of a route"));
   }
-  if (failed_.size() >= kMostFailed) failed_.clear();
+  if (failed_.size() >= kMaxFailed) failed_.clear();
   if (!kept) failed_[request.key] = Clock::now() + options_.retry_after;
 }
 

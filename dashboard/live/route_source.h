@@ -9,7 +9,7 @@
 
 namespace citylearn {
 
-/// What living env_services have of routes. Its methods belong to the thread of the node and never wait.
+/// Maps and pictures of routes of living env_services. Its methods belong to the thread of the node and never wait.
 class RouteSource {
  public:
   virtual ~RouteSource() = default;

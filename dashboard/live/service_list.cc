@@ -55,7 +55,7 @@ void ServiceList::on_message(const msg::ServiceStatus& status, Clock::time_point
   service.status = status;
   service.silent = false;
   set(service, name_of(status.service_state()));
-  if (services_.size() <= kMost) return;
+  if (services_.size() <= kMaxServices) return;
   const auto oldest = std::min_element(services_.begin(), services_.end(), [](const auto& a, const auto& b) {
     return a.second.presence.last_heard() < b.second.presence.last_heard();
   });
@@ -64,7 +64,7 @@ void ServiceList::on_message(const msg::ServiceStatus& status, Clock::time_point
 
 bool ServiceList::poll(Clock::time_point now, std::vector<Event>& events) {
   bool changed = std::erase_if(services_, [&](const auto& entry) {
-                   return now - entry.second.presence.last_heard() > kForgotten;
+                   return now - entry.second.presence.last_heard() > kRemovalDelay;
                  }) > 0;
   for (auto& [key, service] : services_) {
     if (service.silent || service.presence.here(now)) continue;

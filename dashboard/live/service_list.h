@@ -17,8 +17,8 @@ namespace citylearn {
 /// thread at a time.
 class ServiceList {
  public:
-  static constexpr std::chrono::minutes kForgotten{60};  ///< after its last heartbeat it is removed
-  static constexpr std::size_t kMost = 1000;             ///< services; beyond, those silent for longest are removed
+  static constexpr std::chrono::minutes kRemovalDelay{60};  ///< after its last heartbeat it is removed
+  static constexpr std::size_t kMaxServices = 1000;         ///< services; beyond, those silent for longest are removed
 
   /// Takes a heartbeat; appends what it means to `events`.
   void on_message(const msg::ServiceStatus& status, Clock::time_point now, std::vector<Event>& events);

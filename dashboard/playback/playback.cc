@@ -90,7 +90,7 @@ void Playback::play(const std::stop_token& stop) {
   try {
     while (replayer_.poll()) {
       if (stop.stop_requested()) return;
-      middleware_->wait(std::min(replayer_.due(), Clock::now() + kStopCheck));
+      middleware_->wait(std::min(replayer_.due(), Clock::now() + kStopCheckInterval));
     }
   } catch (const Error& error) {
     report(error.what());

@@ -49,7 +49,7 @@ class Playback : public PlaybackControl {
   void show(std::uint64_t arrival);
   /// Returns what is to be played by another playback, in place of this one; nothing while this one goes on.
   std::optional<ReplayOptions> restart() const;
-  /// As ReplayClock::now(). May be used by any thread.
+  /// Returns ReplayClock::now(). May be used by any thread.
   Clock::time_point now() const { return replayer_.clock().now(); }
   /// Returns the messages for the user since the last call: the end, what is missing or damaged.
   std::vector<std::string> take_messages();

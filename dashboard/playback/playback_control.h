@@ -10,7 +10,7 @@
 
 namespace citylearn {
 
-/// What a request changes about a playback; what is absent stays.
+/// Changes of a playback that a request asks for. Absent fields change nothing.
 struct PlaybackChange {
   std::optional<bool> paused;
   std::optional<double> speed;     ///< as in ReplayState

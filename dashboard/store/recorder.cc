@@ -9,10 +9,10 @@
 namespace citylearn {
 namespace {
 
-// A batch of so many is committed at once, as env_services that resend wait for the acknowledgement.
-constexpr std::size_t kEnough = 32;
+// A batch of so many is committed without waiting for more, because env_services resend until the acknowledgement.
+constexpr std::size_t kCommitBatch = 32;
 constexpr int kBatchesPerPoll = 4;  // others need the thread too
-constexpr int kTries = 5;           // for TrainingStats that do not come
+constexpr int kMaxTries = 5;        // requests for TrainingStats that do not come
 
 }  // namespace
 
@@ -77,8 +77,8 @@ void Recorder::on_message(const msg::ServiceStatus& status) {
   }
 }
 
-/// Returns whether another process than the sender goes on with this run, and lives. Two cannot be one run at a time.
-bool Recorder::contest(const msg::RunInfo& info) {
+/// Returns whether another living process continues this run. Two processes cannot be one run at a time.
+bool Recorder::held_by_other_process(const msg::RunInfo& info) {
   const Sender sender(info.header());
   const auto owner = std::find_if(runs_.begin(), runs_.end(), [&](const auto& entry) {
     const Sender& known = entry.first.first;
@@ -91,8 +91,8 @@ bool Recorder::contest(const msg::RunInfo& info) {
   return true;
 }
 
-/// Takes up what contenders of processes that are silent by now said last: they may have ended since.
-void Recorder::believe_successors() {
+/// Accepts the last RunInfo of each process that continues the run of a silent one. They may have ended since.
+void Recorder::promote_successors() {
   std::vector<msg::RunInfo> successors;
   for (auto& [run, requests] : runs_)
     if (requests.contender && !requests.process.here(Clock::now()))
@@ -111,7 +111,7 @@ void Recorder::on_message(const msg::TraversalInfo& info) {
 
 void Recorder::on_message(const msg::RunInfo& info) {
   const Sender sender(info.header());
-  if (contest(info)) {
+  if (held_by_other_process(info)) {
     rejections_.add(info.header(), "a RunInfo of a run that another process goes on with, until that one is silent");
     return;
   }
@@ -120,7 +120,7 @@ void Recorder::on_message(const msg::RunInfo& info) {
     const auto [known, fresh] = runs_.try_emplace({sender, info.run_id()});
     StatRequests& requests = known->second;
     info.ended() ? requests.process.forget() : requests.process.heard(Clock::now());
-    // The other one was no predecessor.
+    // The other one was not a predecessor.
     if (std::exchange(requests.contender, std::nullopt) && !std::exchange(requests.reported, true))
       report({seconds_since_epoch(), sender.session, sender.id, "alarm",
               "another process announces run " + std::to_string(info.run_id()) + " of '" + sender.id +
@@ -212,12 +212,12 @@ void Recorder::commit() {
 
 void Recorder::poll() {
   due_ = Clock::now() + kHeartbeat;
-  believe_successors();
+  promote_successors();
   for (int batch = 0; batch < kBatchesPerPoll; ++batch) {
     take();
     const bool full = episodes_.size() >= options_.most_at_once;
     const bool waiting = !episodes_.empty() || !stats_.empty();
-    const bool patient = waiting && episodes_.size() < kEnough && Clock::now() < first_waits_ + options_.gather;
+    const bool patient = waiting && episodes_.size() < kCommitBatch && Clock::now() < first_waits_ + options_.gather;
     behind_ = full || patient;
     if (patient) {
       wake_at(first_waits_ + options_.gather);
@@ -256,7 +256,7 @@ void Recorder::request_missing() {
         continue;
       }
       if (!stats_.empty()) continue;  // the answers, before their commit
-      if (requests.answers == 0 && ++requests.tries >= kTries) {
+      if (requests.answers == 0 && ++requests.tries >= kMaxTries) {
         // A process that resumed from a checkpoint does not have what its predecessor did.
         spdlog::info("updates {}..{} of '{}' are unavailable", gap->first, gap->second, sender.id);
         requests.updates.give_up(gap->first, gap->second);

@@ -24,10 +24,10 @@ class Recorder {
  public:
   struct Options {
     std::size_t most_at_once = 2000;                        ///< episodes of a transaction
-    std::chrono::milliseconds gather = kCommitGather;       ///< an episode waits at most so long for others
+    std::chrono::milliseconds gather = kCommitGather;       ///< the longest time that an episode waits for others
     std::chrono::milliseconds request_after = kStatsDelay;  ///< TrainingStats may just be late
-    std::chrono::milliseconds retry_after = kStatsRetry;    ///< without an answer; also when the store failed
-    std::chrono::milliseconds policy_silence = kSilence;    ///< after so long without RunInfo nothing is requested
+    std::chrono::milliseconds retry_after = kStatsRetry;    ///< after no answer, or after a failure of the store
+    std::chrono::milliseconds policy_silence = kSilence;    ///< without RunInfo for this time nothing is requested
   };
   /// `node` and `store` must outlive it.
   Recorder(Node& node, Store& store, const Options& options);
@@ -36,8 +36,8 @@ class Recorder {
   /// Called for each event that the recorder adds to the store, alarms among them.
   std::function<void(const Event&)> on_event;
 
-  // The loop that takes these from the node passes them on; their readers are there. The recorder takes EpisodeStats
-  // itself.
+  // The caller takes these from the node, which has readers for them, and passes them on. The recorder takes
+  // EpisodeStats itself.
   void on_message(const msg::ServiceStatus& status);
   void on_message(const msg::TraversalInfo& info);
   void on_message(const msg::RunInfo& info);
@@ -63,19 +63,19 @@ class Recorder {
     std::uint64_t made = 0;   ///< updates it has made
     Clock::time_point heard;  ///< of its last RunInfo
     Presence process;
-    std::optional<msg::RunInfo> contender;  ///< newest one of another process, believed once this one is silent
-    bool reported = false;                  ///< that one process too many goes on with this run
+    std::optional<msg::RunInfo> contender;  ///< newest one of another process, accepted once this one is silent
+    bool reported = false;                  ///< that another process continues this run too
     Clock::time_point complete;
     Clock::time_point next;
     std::uint64_t first = 0, last = 0;  ///< requested; 0: nothing
-    std::uint64_t answers = 0;          ///< to that
+    std::uint64_t answers = 0;          ///< to that request
     int tries = 0;                      ///< without an answer
   };
   void take();
   void commit();
   void request_missing();
-  bool contest(const msg::RunInfo& info);
-  void believe_successors();
+  bool held_by_other_process(const msg::RunInfo& info);
+  void promote_successors();
   void acknowledge(const Sender& environment, msg::RecorderState recorder = msg::RECORDS);
   void report(Event event);
   bool attempt(const std::function<void()>& work);

@@ -13,9 +13,9 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "numbers are stored as they are");
 
-constexpr int kMostParts = 4;  // of a traversal at a time: those of its newest runs
+constexpr int kMaxParts = 4;  // of a traversal at a time: those of its newest runs
 
-/// Which runs use which traversals. A row whose episodes a run has claimed since is none.
+/// Selects which runs use which traversals, without rows whose episodes a run has claimed since.
 const std::string kUses =
     " FROM sources s JOIN run_sources u ON u.source = s.id"
     " JOIN runs r ON r.id = u.run AND (r.run_id IS NOT NULL OR r.recorded > 0) WHERE s.hash ";
@@ -69,7 +69,7 @@ std::span<const std::uint8_t> blob_of(const std::vector<Number>& numbers) {
 std::vector<RouteStore::Part> parts_of(SQLite::Database& database, const TraversalRow& traversal) {
   std::vector<RouteStore::Part> parts;
   SQLite::Statement row(database, kParts);
-  bind_values(row, traversal.hash, kMostParts);
+  bind_values(row, traversal.hash, kMaxParts);
   while (row.executeStep()) {
     RouteStore::Part& part = parts.emplace_back();
     std::int64_t first = 0;

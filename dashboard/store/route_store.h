@@ -30,7 +30,7 @@ class RouteStore {
     std::int64_t run = 0;  ///< row of the newest run with this part
     std::uint32_t first = 0, last = 0;
   };
-  /// What is still to be kept of a traversal.
+  /// The map and pictures of a traversal that are still to be stored.
   struct Gaps {
     bool map = false;
     struct Place {

@@ -20,7 +20,7 @@ struct RunRow {
   std::uint64_t updates = 0, recorded = 0;
   std::vector<std::string> tags;  ///< as people gave them
   std::string note;               ///< likewise
-  /// Of its newest update that is recorded.
+  /// Figures of its newest recorded update.
   struct Newest {
     std::uint64_t update = 0, steps = 0, episodes = 0;
     double wall = 0, reward = 0, spl = 0, steps_per_second = 0;
@@ -34,7 +34,7 @@ struct TraversalRow {
   bool images = false;
 };
 
-/// Where the frames of a traversal were recorded.
+/// The places where the frames of a traversal were recorded.
 struct RouteMap {
   std::uint32_t frames = 0;
   std::vector<float> position;              ///< F, metres along the route; NaN where unknown
@@ -97,7 +97,7 @@ struct EpisodeFilter {
   std::optional<std::int64_t> until;   ///< likewise, but with that one
 };
 
-/// Whose tasks an evaluation is made of.
+/// Identifies an evaluation by the tasks that belong to it.
 struct EvaluationKey {
   std::string policy;
   std::uint64_t update = 0;

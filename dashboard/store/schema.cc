@@ -16,8 +16,8 @@
 namespace citylearn {
 namespace {
 
-constexpr std::int64_t kApplication = 0x434C4453;    // "CLDS": says whose file it is
-constexpr std::uintmax_t kCheckedWhole = 256 << 20;  // bytes: about a second
+constexpr std::int64_t kApplication = 0x434C4453;         // "CLDS": says whose file it is
+constexpr std::uintmax_t kMaxFullCheckBytes = 256 << 20;  // bytes: about a second
 constexpr std::string_view kMagic{"SQLite format 3\0", 16};
 
 // Numbers of 64 bits without sign (seeds, hashes) are kept with their bits as SQLite's, which have one.
@@ -275,7 +275,7 @@ bool holds_something(const std::string& path) {
 /// Returns "ok", or what is damaged. Of a large file the points that were logged once are left out: reading them all
 /// would take long.
 std::string damage(SQLite::Database& database, const std::string& path) {
-  if (std::filesystem::file_size(path) <= kCheckedWhole)
+  if (std::filesystem::file_size(path) <= kMaxFullCheckBytes)
     return database.execAndGet("PRAGMA quick_check(1)").getString();
   std::vector<std::string> tables;
   SQLite::Statement all(database, "SELECT name FROM sqlite_schema WHERE type = 'table' AND name <> 'points'");

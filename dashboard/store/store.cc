@@ -13,8 +13,8 @@
 namespace citylearn {
 namespace {
 
-constexpr std::int64_t kMostEvents = 100'000;  // older ones go
-constexpr int kMostLinks = 40;                 // as the kernel
+constexpr std::int64_t kMaxEvents = 100'000;  // older ones go
+constexpr int kMaxLinks = 40;                 // as the kernel
 
 std::string escaped(const std::string& name) {
   std::string text;
@@ -54,7 +54,7 @@ SQLite::Database open_for_writing(const Store::Options& options) {
 /// Returns the file that a path leads to, which need not be there yet. Two dashboards may know it by different links.
 std::string without_links(std::filesystem::path path) {
   std::error_code none;
-  for (int links = 0; links < kMostLinks && std::filesystem::is_symlink(path, none); ++links)
+  for (int links = 0; links < kMaxLinks && std::filesystem::is_symlink(path, none); ++links)
     path = path.parent_path() / std::filesystem::read_symlink(path, none);
   return path;
 }
@@ -127,7 +127,7 @@ Store::Impl::Statements::Statements(const SQLite::Database& d)
 
 void Store::Impl::add(const Event& event) {
   run(statements->add_event, event.time, event.session, event.service, event.kind, event.text);
-  run(statements->drop_events, database.getLastInsertRowid() - kMostEvents);
+  run(statements->drop_events, database.getLastInsertRowid() - kMaxEvents);
 }
 
 Store::Store(const Options& options) : impl_(std::make_unique<Impl>(options)) {}
@@ -215,9 +215,9 @@ Store::Removal Store::remove(const std::string& name) {
   SQLite::Database& database = impl_->database;
   std::int64_t row = 0;
   const auto in_slices = [&](const char* sql) {
-    // A transaction of a million rows would keep everybody waiting.
-    constexpr int kSlice = 4000;
-    while (impl_->locked([&] { return run(database, sql, row, kSlice); }) == kSlice) {
+    // A transaction of a million rows would keep all others waiting.
+    constexpr int kBatch = 4000;
+    while (impl_->locked([&] { return run(database, sql, row, kBatch); }) == kBatch) {
     }
   };
   const auto running = [&] {

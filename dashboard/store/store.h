@@ -57,8 +57,7 @@ class Store {
     std::string path;
     std::uint64_t most_bytes = 0;  ///< the file grows no larger; 0: as the disk allows
   };
-  /// Throws Error, the file then untouched, when it is not a store, damaged, of a newer dashboard, or another dashboard
-  /// has it.
+  /// Throws Error, without a change, for a file that is not a store, is damaged, newer, or used by another dashboard.
   explicit Store(const Options& options);
   ~Store();
   Store(const Store&) = delete;

@@ -8,7 +8,7 @@ namespace citylearn {
 namespace {
 
 // Larger numbers cannot be: no process lives so long, and SQLite's integers have a sign.
-constexpr std::uint64_t kMostEpisodes = std::uint64_t{1} << 62;
+constexpr std::uint64_t kMaxEpisode = std::uint64_t{1} << 62;
 
 }  // namespace
 
@@ -52,8 +52,7 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
   std::size_t fresh = 0;
   SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
   for (const msg::EpisodeStat& episode : episodes) {
-    if (episode.episode() == 0 || episode.episode() > kMostEpisodes || episode.acknowledged() >= kMostEpisodes)
-      continue;
+    if (episode.episode() == 0 || episode.episode() > kMaxEpisode || episode.acknowledged() >= kMaxEpisode) continue;
     const Sender sender(episode.header());
     auto found = changes.find(sender);
     if (found == changes.end()) found = changes.emplace(sender, Change{source(sender)}).first;

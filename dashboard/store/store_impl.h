@@ -12,7 +12,7 @@
 
 namespace citylearn {
 
-/// What Store does under its lock. Faults of SQLite leave these methods as SQLite::Exception.
+/// The implementation of Store, used under its lock. Faults of SQLite leave these methods as SQLite::Exception.
 struct Store::Impl {
   explicit Impl(const Options& options);
 
@@ -84,7 +84,7 @@ struct Store::Impl {
   FileLock lock;  // keeps a second dashboard off
   SQLite::Database database;
   std::unique_ptr<Statements> statements;
-  std::multimap<RunKey, KnownRun> runs;  // several only where somebody uses the run_id of another one
+  std::multimap<RunKey, KnownRun> runs;  // several only where one process uses the run_id of another
   std::map<Sender, Source> sources;
   std::map<std::string, std::int64_t> unclaimed_rows;           // by session
   std::set<std::pair<std::int64_t, std::int64_t>> run_sources;  // those in the table
@@ -94,12 +94,12 @@ struct Store::Impl {
 
 // Numbers of 40 bits count the updates of a run in training.key; no process lives so long.
 inline constexpr int kUpdateBits = 40;
-inline constexpr std::uint64_t kMostUpdates = (std::uint64_t{1} << kUpdateBits) - 1;
+inline constexpr std::uint64_t kMaxUpdate = (std::uint64_t{1} << kUpdateBits) - 1;
 
 /// Returns training.key of an update of the run in `row`.
 constexpr std::int64_t training_key(std::int64_t row, std::uint64_t update) {
   return (row << kUpdateBits) + static_cast<std::int64_t>(update);
 }
-constexpr std::uint64_t update_of(std::int64_t key) { return static_cast<std::uint64_t>(key) & kMostUpdates; }
+constexpr std::uint64_t update_of(std::int64_t key) { return static_cast<std::uint64_t>(key) & kMaxUpdate; }
 
 }  // namespace citylearn

@@ -62,12 +62,12 @@ void bind_filter(SQLite::Statement& statement, std::int64_t run, const EpisodeFi
 
 /// Returns the SQL of a training figure. The update is in the key.
 std::string column_of(const TrainingFigure& figure) {
-  return figure.name == std::string_view("update") ? "key & " + std::to_string(kMostUpdates) : figure.name;
+  return figure.name == std::string_view("update") ? "key & " + std::to_string(kMaxUpdate) : figure.name;
 }
 
 /// Binds ?1 and ?2 to the first and the last training.key of a run.
 SQLite::Statement& bind_run(SQLite::Statement& statement, std::int64_t run) {
-  return bind_values(statement, training_key(run, 0), training_key(run, kMostUpdates));
+  return bind_values(statement, training_key(run, 0), training_key(run, kMaxUpdate));
 }
 
 }  // namespace
@@ -124,7 +124,7 @@ RunRow StoreReader::Impl::run_row(const SQLite::Statement& row) {
   if (bind_run(newest, r.id).executeStep()) {
     RunRow::Newest& n = r.newest.emplace(RunRow::Newest());
     read_row(newest, n.update, n.steps, n.episodes, n.wall, n.reward, n.spl, n.steps_per_second);
-    n.update &= kMostUpdates;
+    n.update &= kMaxUpdate;
   }
   newest.reset();
   return r;
@@ -208,8 +208,8 @@ void StoreReader::training(std::int64_t run, const std::function<void(std::span<
   with_file_errors(impl_->path, [&] {
     SQLite::Statement rows(impl_->database,
                            "SELECT " + columns + " FROM training WHERE key BETWEEN ? AND ? ORDER BY key LIMIT ?");
-    impl_->each_row(rows, read, training_key(run, std::min(range.first, kMostUpdates)),
-                    training_key(run, std::min(range.last, kMostUpdates)), range.limit);
+    impl_->each_row(rows, read, training_key(run, std::min(range.first, kMaxUpdate)),
+                    training_key(run, std::min(range.last, kMaxUpdate)), range.limit);
   });
 }
 

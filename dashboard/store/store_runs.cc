@@ -7,7 +7,7 @@
 namespace citylearn {
 namespace {
 
-constexpr double kFlushEvery = 5;  // seconds
+constexpr double kFlushInterval = 5;  // seconds
 
 }  // namespace
 
@@ -25,7 +25,7 @@ void Store::Impl::load_runs() {
     read_row(all, key.first, key.second, known.row, known.policy, known.seed, known.incarnation, known.updates,
              known.ended, known.agent, known.learner, known.manifest);
     SQLite::Statement& least = bind_values(statements->least_update, training_key(known.row, 1),
-                                           training_key(known.row, kMostUpdates), known.incarnation);
+                                           training_key(known.row, kMaxUpdate), known.incarnation);
     if (least.executeStep()) known.least = update_of(value_at<std::int64_t>(least, 0));
     least.reset();
     runs.emplace(key, std::move(known));
@@ -77,7 +77,7 @@ bool Store::Impl::record(const msg::RunInfo& info) {
   next.seed = info.seed();
   next.incarnation = sender.incarnation;
   next.message = info.header().message();
-  next.updates = std::min(info.updates(), kMostUpdates);
+  next.updates = std::min(info.updates(), kMaxUpdate);
   next.agent = info.agent().c_str();
   next.learner = info.learner().c_str();
   next.manifest.assign(info.manifest().begin(), info.manifest().end());
@@ -124,14 +124,14 @@ std::size_t Store::Impl::record(std::span<const msg::TrainingStat> stats) {
   std::map<KnownRun*, std::uint64_t> leasts;  // of those that sent some
   SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
   for (const msg::TrainingStat& stat : stats) {
-    if (stat.update() == 0 || stat.update() > kMostUpdates) continue;
+    if (stat.update() == 0 || stat.update() > kMaxUpdate) continue;
     KnownRun* known = find_of(Sender(stat.header()), stat.run_id());
     if (!known) continue;
     const std::int64_t key = training_key(known->row, stat.update());
     std::uint64_t& least = leasts.try_emplace(known, known->least).first->second;
     if (least == 0 || stat.update() < least) {
       // From here on the updates are this process's.
-      run(statements->drop_training_from, key, training_key(known->row, kMostUpdates), known->incarnation);
+      run(statements->drop_training_from, key, training_key(known->row, kMaxUpdate), known->incarnation);
       least = stat.update();
     }
     SQLite::Statement& row = bind_values(statements->add_training, key, known->incarnation);
@@ -150,7 +150,7 @@ NumberSet Store::Impl::recorded_updates(const Sender& policy, std::uint64_t run_
   const KnownRun* known = find_of(policy, run_id);
   if (!known) return updates;
   SQLite::Statement& row = bind_values(statements->process_updates, training_key(known->row, 1),
-                                       training_key(known->row, kMostUpdates), policy.incarnation);
+                                       training_key(known->row, kMaxUpdate), policy.incarnation);
   while (row.executeStep()) updates.add(update_of(value_at<std::int64_t>(row, 0)));
   return updates;
 }
@@ -158,7 +158,7 @@ NumberSet Store::Impl::recorded_updates(const Sender& policy, std::uint64_t run_
 void Store::Impl::flush(bool at_once) {
   const double now = seconds_since_epoch();
   const bool due = std::any_of(unwritten.begin(), unwritten.end(), [&](const auto& entry) {
-    return at_once || now - entry.second >= kFlushEvery || entry.second > now;
+    return at_once || now - entry.second >= kFlushInterval || entry.second > now;
   });
   if (!due) return;
   SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);

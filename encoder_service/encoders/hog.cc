@@ -14,8 +14,8 @@ constexpr int kCell = 8;        // pixels
 constexpr double kSigma = 8.5;  // pixels, of the sliding normalisation
 constexpr float kClip = 0.2f;   // of a normalised block
 
-/// How much each of a cell's pixels counts along one axis for the blocks that have the cell: the first and second cell
-/// of the block that begins a cell earlier, and the first and second cell of the block that begins here.
+/// Weights of a cell's pixels along one axis in the blocks that have the cell: for the first and second cell of the
+/// block that begins one cell earlier, then for the first and second cell of the block that begins here.
 using CellWeights = Eigen::Matrix<float, 4, kCell>;
 
 /// Linear interpolation between the cells' middles times a Gaussian about the block's middle, sigma half a cell (Dalal

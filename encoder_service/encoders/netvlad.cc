@@ -11,9 +11,9 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kLargestHead = std::uint64_t{2} << 30;
+constexpr std::uint64_t kMaxHeadBytes = std::uint64_t{2} << 30;
 /// Local features that centres are learned on, drawn evenly from the training sample.
-constexpr Eigen::Index kLearned = 50000;
+constexpr Eigen::Index kTrainingFeatures = 50000;
 
 using FeatureMap = Eigen::Map<const Eigen::MatrixXf>;
 
@@ -30,7 +30,7 @@ class Netvlad : public Encoder {
                   "name a convolutional one with --layer");
     if (files.head.empty()) return;
     training_sample_count_ = 0;
-    take(read_model_file(files.head, kLargestHead), files.head);
+    take(read_model_file(files.head, kMaxHeadBytes), files.head);
   }
 
   Spec spec() const override {
@@ -52,7 +52,7 @@ class Netvlad : public Encoder {
     if (training_sample_count_ == 0 || pictures.empty()) return;
     const auto& shape = network_.shape();
     const Eigen::Index positions = static_cast<Eigen::Index>(shape[2]) * shape[3];
-    const Eigen::Index each = std::min(positions, kLearned / static_cast<Eigen::Index>(pictures.size()) + 1);
+    const Eigen::Index each = std::min(positions, kTrainingFeatures / static_cast<Eigen::Index>(pictures.size()) + 1);
     Random random({0x4C65'7373'6F6E'73});  // "Lessons"
     Eigen::MatrixXf features(shape[1], each * static_cast<Eigen::Index>(pictures.size()));
     Eigen::Index column = 0;

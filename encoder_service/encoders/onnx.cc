@@ -6,7 +6,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kLargestDimension = 65536;
+constexpr std::size_t kMaxOutputs = 65536;
 
 /// Any network from a picture to a vector. A feature map [1,C,H,W] becomes its mean over H and W (C numbers) unless
 /// pool=0; every other output is taken as it lies in memory. Nothing is normalised: Reduction does that.
@@ -19,9 +19,9 @@ class Onnx : public Encoder {
     for (const int side : shape) numbers *= side;
     positions_ = pool_ && shape.size() == 4 ? static_cast<Eigen::Index>(shape[2]) * shape[3] : 1;
     dimension_ = static_cast<Eigen::Index>(numbers) / positions_;
-    if (numbers / positions_ > kLargestDimension)
-      throw Error("its layer gives " + std::to_string(dimension_) + " numbers, at most " +
-                      std::to_string(kLargestDimension) + " are allowed",
+    if (numbers / positions_ > kMaxOutputs)
+      throw Error("its layer gives " + std::to_string(dimension_) + " numbers, at most " + std::to_string(kMaxOutputs) +
+                      " are allowed",
                   network_.model(), "name another with --layer, or leave pool at 1");
   }
 

@@ -13,15 +13,15 @@
 namespace citylearn {
 namespace {
 
-constexpr int kLocal = 128;         // numbers of a local descriptor
-constexpr int kLessons = 256;       // pictures to learn the words from
-constexpr int kFromEach = 128;      // local descriptors of each
-constexpr std::uint64_t kSeed = 1;  // of the words
+constexpr int kLocal = 128;                  // numbers of a local descriptor
+constexpr int kTrainingPictures = 256;       // pictures to learn the words from
+constexpr int kDescriptorsPerPicture = 128;  // local descriptors of each
+constexpr std::uint64_t kSeed = 1;           // of the words
 const std::string kFormat = "citylearn vlad 1";
 
-/// Vectors of locally aggregated descriptors (Jegou et al., CVPR 2010): to each visual word the sum of differences of
-/// the local descriptors nearest to it, each sum of length 1 (intra-normalised: Arandjelovic & Zisserman, CVPR 2013).
-/// With a spatial grid each of its cells has sums of its own.
+/// Encodes pictures as vectors of locally aggregated descriptors (Jegou et al., CVPR 2010). Each visual word has the
+/// sum of the differences to the local descriptors nearest to it, scaled to length 1 (intra-normalised: Arandjelovic &
+/// Zisserman, CVPR 2013). With a spatial grid each of its cells has sums of its own.
 class Vlad final : public PictureEncoder {
  public:
   Vlad(const std::string& name, const Parameters& parameters, int across, int down)
@@ -34,23 +34,23 @@ class Vlad final : public PictureEncoder {
 
   Spec spec() const override { return {name_ + " learned=" + learned_, across_ * down_ * words_ * kLocal, batch()}; }
 
-  int training_sample_count() const override { return kLessons; }
+  int training_sample_count() const override { return kTrainingPictures; }
 
   void learn(std::span<const cv::Mat> pictures) override {
     if (pictures.empty()) throw Error("no pictures to learn from", name_);
     try {
-      Eigen::MatrixXf sample(kLocal, static_cast<Eigen::Index>(pictures.size()) * kFromEach);
+      Eigen::MatrixXf sample(kLocal, static_cast<Eigen::Index>(pictures.size()) * kDescriptorsPerPicture);
       std::vector<Eigen::Index> chosen;  // of each picture's local descriptors
       Random random{kSeed};
       for (const cv::Mat& picture : pictures) {
         check_picture(picture);
         const int found = dense_sift_count(scaled_size(picture), local_);
-        for (int i = 0; i < kFromEach; ++i)
+        for (int i = 0; i < kDescriptorsPerPicture; ++i)
           chosen.push_back(static_cast<Eigen::Index>(random.below(static_cast<std::uint64_t>(found))));
       }
       for_each_on_threads(static_cast<int>(pictures.size()), [&](int picture) {
         const Eigen::MatrixXf found = local_descriptors(pictures[static_cast<std::size_t>(picture)]).values;
-        for (Eigen::Index i = picture * kFromEach; i < (picture + 1) * kFromEach; ++i)
+        for (Eigen::Index i = picture * kDescriptorsPerPicture; i < (picture + 1) * kDescriptorsPerPicture; ++i)
           sample.col(i) = found.col(chosen[static_cast<std::size_t>(i)]);
       });
       vocabulary_ = kmeans(sample, words_, 25, kSeed);

@@ -21,8 +21,9 @@ struct LocalDescriptors {
 /// Returns how many descriptors a picture of this size has, both sides at least 4 bins.
 int dense_sift_count(cv::Size size, const DenseSiftOptions& options);
 
-/// SIFT descriptors (Lowe, IJCV 2004: 4 x 4 bins of 8 orientations, interpolated, clipped at 0.2) on a grid, upright,
-/// square-rooted (RootSIFT: Arandjelovic & Zisserman, CVPR 2012). No Gaussian over the patch: bins count alike.
+/// Returns SIFT descriptors (Lowe, IJCV 2004: 4 x 4 bins of 8 orientations, interpolated, clipped at 0.2) on a grid,
+/// upright, square-rooted (RootSIFT: Arandjelovic & Zisserman, CVPR 2012). No Gaussian over the patch: bins count
+/// alike.
 /// `grey`: CV_32F, both sides at least 4 bins.
 LocalDescriptors dense_root_sift(const cv::Mat& grey, const DenseSiftOptions& options);
 

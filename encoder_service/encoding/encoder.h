@@ -23,14 +23,14 @@ namespace citylearn {
 class Encoder {
  public:
   struct Spec {
-    /// With version and every parameter that changes numbers: "hog-1 bins=12"; at most 200 characters.
+    /// Names the encoder, its version and all parameters that change numbers: "hog-1 bins=12"; at most 200 characters.
     std::string name;
     int dimension = 0;  ///< D
     int batch = 16;     ///< pictures that one call encodes most quickly
   };
 
   virtual ~Encoder() = default;
-  /// Encoders that learn have it after learn() or restore().
+  /// Describes the encoder. Encoders that learn have a Spec only after learn() or restore().
   virtual Spec spec() const = 0;
   /// Encodes n pictures (8-bit, 3 channels, BGR, any size) to D x n finite numbers, a column each. Throws Error.
   virtual Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) = 0;
@@ -67,10 +67,10 @@ struct EncoderFiles {
 /// and "centring" as a Centring.
 using EncoderRegistry = Registry<Encoder, const EncoderFiles&>;
 
-/// The encoder of all programs that are not told which.
+/// The encoder that programs use when none is named.
 inline constexpr const char* kDefaultEncoder = "hog_vlad";
 
-/// Factory of an encoder with a constructor from parameters.
+/// Creates an encoder that has a constructor from parameters.
 template <class T>
 std::unique_ptr<Encoder> make_encoder(const Parameters& parameters, const EncoderFiles&) {
   return std::make_unique<T>(parameters);

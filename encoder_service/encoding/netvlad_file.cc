@@ -14,7 +14,7 @@ namespace {
 
 using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-constexpr std::uint64_t kLargestSide = 1 << 20;
+constexpr std::uint64_t kMaxSide = 1 << 20;
 const char* const kCentroids = "centroids";
 const char* const kWeight = "conv.weight";
 const char* const kBias = "conv.bias";
@@ -42,7 +42,7 @@ class Reader {
     const auto fail = [&](const std::string& what) { throw Error("tensor '" + name + "' " + what, where_); };
     std::vector<std::uint64_t> shape = found->second.shape;
     for (const std::uint64_t side : shape)
-      if (side < 1 || side > kLargestSide) fail("has a side of " + std::to_string(side));
+      if (side < 1 || side > kMaxSide) fail("has a side of " + std::to_string(side));
     while (shape.size() > 2 && shape.back() == 1) shape.pop_back();  // a 1 x 1 convolution
     if (shape.empty() || shape.size() > 2) fail("is neither a vector nor a matrix");
     const auto height = static_cast<Eigen::Index>(shape[0]);

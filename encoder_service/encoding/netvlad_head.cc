@@ -14,7 +14,7 @@ namespace {
 
 constexpr float kTiny = 1e-12f;  // a vector shorter than this is left as it is
 
-/// How much less the assignment to the second centre is, on average.
+/// The ratio of the weights of the nearest and the second centre, on average.
 constexpr double kSharpness = 100;
 
 struct Nearest {
@@ -22,7 +22,7 @@ struct Nearest {
   Eigen::VectorXf distance, second;   // squared, to the nearest and to the next centre
 };
 
-/// For features of length 1 (C x n) and centres (C x K).
+/// Finds the nearest centre of each feature. Features (C x n) have length 1; centres are C x K.
 Nearest assign(const Eigen::Ref<const Eigen::MatrixXf>& features, const Eigen::MatrixXf& centres) {
   constexpr Eigen::Index kBlock = 4096;  // columns a product, so that memory stays small
   Nearest nearest{std::vector<Eigen::Index>(features.cols()), Eigen::VectorXf(features.cols()),
@@ -42,7 +42,7 @@ Nearest assign(const Eigen::Ref<const Eigen::MatrixXf>& features, const Eigen::M
   return nearest;
 }
 
-/// k-means++ (Arthur & Vassilvitskii, 2007).
+/// Chooses centres by k-means++ (Arthur & Vassilvitskii, 2007).
 Eigen::MatrixXf first_centres(const Eigen::Ref<const Eigen::MatrixXf>& features, int clusters, Random& random) {
   Eigen::MatrixXf centres(features.rows(), clusters);
   Eigen::VectorXf distance = Eigen::VectorXf::Constant(features.cols(), std::numeric_limits<float>::infinity());
@@ -61,7 +61,7 @@ Eigen::MatrixXf first_centres(const Eigen::Ref<const Eigen::MatrixXf>& features,
   return centres;
 }
 
-/// Lloyd's k-means.
+/// Finds centres by Lloyd's k-means.
 Eigen::MatrixXf find_centres(const Eigen::Ref<const Eigen::MatrixXf>& features, int clusters) {
   constexpr int kRounds = 30;
   Random random({0x4E65'7456'4C41'44});  // "NetVLAD"
@@ -79,7 +79,7 @@ Eigen::MatrixXf find_centres(const Eigen::Ref<const Eigen::MatrixXf>& features, 
         sums.col(k) /= counts[k];
         continue;
       }
-      // Nobody's centre moves to the feature that is worst off.
+      // A centre without features moves to the feature that is farthest from its own centre.
       Eigen::Index farthest = 0;
       nearest.distance.maxCoeff(&farthest);
       nearest.distance[farthest] = -1;

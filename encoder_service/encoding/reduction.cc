@@ -21,7 +21,7 @@ using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
-constexpr double kSmallestEigenvalue = 1e-6;  // of the largest; what is below is rounding
+constexpr double kMinEigenvalue = 1e-6;  // of the largest; what is below is rounding
 const std::string kFormat = "citylearn reduction 1";
 
 struct Eigenpairs {
@@ -29,15 +29,15 @@ struct Eigenpairs {
   MatrixXf vectors;  ///< a column each
 };
 
-/// The `count` largest of a positive semidefinite matrix.
+/// Returns the `count` largest of a positive semidefinite matrix.
 Eigenpairs all_eigenpairs(const MatrixXf& matrix, Index count) {
   const Eigen::SelfAdjointEigenSolver<MatrixXf> solver(matrix);
   if (solver.info() != Eigen::Success) throw Error("the eigenvalues of the descriptors cannot be found");
   return {solver.eigenvalues().tail(count).reverse(), solver.eigenvectors().rightCols(count).rowwise().reverse()};
 }
 
-/// The same by subspace iteration with half as many vectors again as wanted (Halko, Martinsson & Tropp, SIAM Review
-/// 2011): far quicker when few are wanted.
+/// Returns the same by subspace iteration with half as many vectors again as wanted (Halko, Martinsson & Tropp, SIAM
+/// Review 2011): far quicker when few are wanted.
 Eigenpairs leading_eigenpairs(const MatrixXf& matrix, Index count) {
   const Index width = count + std::max<Index>(16, count / 2);
   Random random{0x5EED, static_cast<std::uint64_t>(matrix.rows())};
@@ -92,7 +92,7 @@ MatrixXf whitened_axes(const MatrixXf& centred, Index count, double exponent) {
   if (wide) axes *= centred.transpose();
   for (Index i = 0; i < count; ++i) {
     // Fewer independent frames than axes: the surplus axes are rounding, which whitening would blow up.
-    if (!(pairs.values[i] > kSmallestEigenvalue * pairs.values[0]))
+    if (!(pairs.values[i] > kMinEigenvalue * pairs.values[0]))
       axes.row(i).setZero();
     else
       axes.row(i) *= static_cast<float>(std::pow(pairs.values[i], -exponent)) / axes.row(i).norm();

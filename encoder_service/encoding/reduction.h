@@ -11,7 +11,7 @@
 
 namespace citylearn {
 
-/// What is subtracted from a traversal's descriptors before anything else.
+/// The mean that is subtracted from a traversal's descriptors before anything else.
 enum class Centring {
   kNone,
   kReference,  ///< the mean of the reference traversal

@@ -17,7 +17,7 @@ std::string short_hash(std::span<const std::byte> bytes);
 /// cannot be read.
 std::vector<std::byte> read_model_file(const std::string& path, std::uint64_t largest);
 
-/// What is read of an ONNX model before OpenCV sees it.
+/// The facts that are read from an ONNX model before OpenCV loads it.
 struct OnnxFile {
   struct Input {
     std::string name;

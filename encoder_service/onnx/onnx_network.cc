@@ -18,8 +18,8 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kLargestModel = (std::uint64_t{1} << 31) - 1;  // protobuf's own limit
-constexpr int kLargestSide = 4096;                                     // pixels of a network's input
+constexpr std::uint64_t kMaxModelBytes = (std::uint64_t{1} << 31) - 1;  // protobuf's own limit
+constexpr int kMaxInputSide = 4096;                                     // pixels of a network's input
 
 struct Preset {
   int width, height;  // 0: the model's own
@@ -30,7 +30,7 @@ struct Preset {
 
 constexpr std::array<float, 3> kImagenetMean = {0.485f, 0.456f, 0.406f}, kImagenetDeviation = {0.229f, 0.224f, 0.225f};
 
-/// All of them take RGB. A function, as registrations ask for it before main().
+/// Returns the presets, which all take RGB. It is a function because registrations use it before main().
 const std::map<std::string, Preset>& presets() {
   static const std::map<std::string, Preset> all = {
       {"imagenet", {0, 0, 1, kImagenetMean, kImagenetDeviation, false}},
@@ -59,7 +59,7 @@ class Silence {
   cv::utils::logging::LogLevel before_;
 };
 
-/// The innermost reason of an exception that OpenCV wrapped in others, in one line.
+/// Returns the innermost reason of an exception that OpenCV wrapped in others, in one line.
 std::string reason_of(const std::exception& exception) {
   const auto* own = dynamic_cast<const cv::Exception*>(&exception);
   std::string text = own ? own->err : exception.what();
@@ -98,7 +98,7 @@ std::string shortest(const std::array<float, 3>& numbers) {
 
 }  // namespace
 
-struct OnnxNetwork::Parts {
+struct OnnxNetwork::Impl {
   cv::dnn::Net net;
   cv::Mat resized, input;
 };
@@ -111,8 +111,8 @@ std::vector<ParameterSpec> network_parameters() {
                          standard, standard, largest};
   };
   return {
-      {"width", "pixels of the network's input; 0: the model's or the preset's", 0, 0, kLargestSide, true},
-      {"height", "pixels of the network's input; 0: the model's or the preset's", 0, 0, kLargestSide, true},
+      {"width", "pixels of the network's input; 0: the model's or the preset's", 0, 0, kMaxInputSide, true},
+      {"height", "pixels of the network's input; 0: the model's or the preset's", 0, 0, kMaxInputSide, true},
       {"rgb", "1: channels are red, green, blue; 0: blue, green, red; -1: the preset's", -1, -1, 1, true},
       {"scale", "value of the brightest pixel, mostly 1 or 255; 0: the preset's", 0, 0, 65536},
       channel("mean", "red", -1, 65536),
@@ -127,21 +127,21 @@ std::vector<ParameterSpec> network_parameters() {
 std::string list_presets() { return joined(presets(), &std::pair<const std::string, Preset>::first); }
 
 std::string fit_name(const std::string& name) {
-  constexpr std::size_t kLongest = 200;
-  if (name.size() <= kLongest) return name;
+  constexpr std::size_t kMaxNameLength = 200;
+  if (name.size() <= kMaxNameLength) return name;
   const std::string hash = short_hash(std::as_bytes(std::span(name)));
-  return name.substr(0, kLongest - hash.size() - 2) + " #" + hash;
+  return name.substr(0, kMaxNameLength - hash.size() - 2) + " #" + hash;
 }
 
 OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files)
-    : parts_(std::make_unique<Parts>()), path_(files.model) {
+    : impl_(std::make_unique<Impl>()), path_(files.model) {
   if (path_.empty()) throw Error("needs a network", "", "give an ONNX file with --model FILE");
   const std::string preset_name = files.preset.empty() ? "imagenet" : files.preset;
   const auto found = presets().find(preset_name);
   if (found == presets().end()) throw Error("unknown preset '" + preset_name + "'", "", "known: " + list_presets());
   const Preset& preset = found->second;
 
-  const std::vector<std::byte> bytes = read_model_file(path_, kLargestModel);
+  const std::vector<std::byte> bytes = read_model_file(path_, kMaxModelBytes);
   const OnnxFile file = read_onnx(bytes, path_);
   hash_ = short_hash(bytes);
   if (file.inputs.size() != 1)
@@ -166,9 +166,9 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
   const std::vector<std::int64_t> input = {1, 3, height_, width_};
   refuse_misread_nodes(bytes, input, "", path_);
   try {
-    parts_->net = cv::dnn::readNetFromONNX(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-    parts_->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
-    parts_->net.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
+    impl_->net = cv::dnn::readNetFromONNX(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    impl_->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
+    impl_->net.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
   } catch (const std::exception& exception) {
     throw Error(import_fault(exception, file.opset), path_,
                 "docs/how-to/use-an-onnx-encoder.md says how to export what OpenCV reads");
@@ -188,7 +188,7 @@ void OnnxNetwork::choose_size(const std::vector<std::int64_t>& shape, int width,
   if (!shape.empty() && (shape.size() != 4 || (shape[1] != 3 && shape[1] != -1)))
     throw Error("its input is not a picture of 3 channels [n,3,height,width]", path_);
   const auto choose = [&](const std::string& name, std::int64_t own, int wanted, int& side) {
-    if (own > kLargestSide) throw Error("its input has a " + name + " of " + std::to_string(own), path_);
+    if (own > kMaxInputSide) throw Error("its input has a " + name + " of " + std::to_string(own), path_);
     if (firm && own > 0 && wanted > 0 && own != wanted)
       throw Error("its input has a " + name + " of " + std::to_string(own) + ", not " + std::to_string(wanted), path_,
                   "leave " + name + " away");
@@ -200,7 +200,7 @@ void OnnxNetwork::choose_size(const std::vector<std::int64_t>& shape, int width,
 }
 
 void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
-  const std::vector<std::string> names = parts_->net.getLayerNames();
+  const std::vector<std::string> names = impl_->net.getLayerNames();
   if (names.empty()) throw Error("has no layers", path_);
   const auto known = [&](const std::string& name) {
     return std::find(names.begin(), names.end(), name) != names.end();
@@ -208,7 +208,7 @@ void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
   if (wanted.empty()) {
     layer_ = names.back();
     for (const std::string& name : names)
-      if (pooled && parts_->net.getLayer(parts_->net.getLayerId(name))->type == "Pooling") layer_ = name;
+      if (pooled && impl_->net.getLayer(impl_->net.getLayerId(name))->type == "Pooling") layer_ = name;
     return;
   }
   // OpenCV puts its own prefix before the names of ONNX nodes.
@@ -261,12 +261,12 @@ const cv::Mat& OnnxNetwork::prepare(const cv::Mat& picture) {
     throw Error("a picture is not 8-bit with 3 channels", "encoder of " + path_);
   const cv::Mat* source = &picture;
   if (picture.cols != width_ || picture.rows != height_) {
-    fit(picture, cv::Size(width_, height_), parts_->resized);
-    source = &parts_->resized;
+    fit(picture, cv::Size(width_, height_), impl_->resized);
+    source = &impl_->resized;
   }
-  parts_->input.create(std::vector<int>{1, 3, height_, width_}, CV_32F);
+  impl_->input.create(std::vector<int>{1, 3, height_, width_}, CV_32F);
   const std::size_t plane = static_cast<std::size_t>(width_) * height_;
-  float* first = parts_->input.ptr<float>();
+  float* first = impl_->input.ptr<float>();
   // Input channel c is the picture's channel 2 - c (blue, green, red) when it goes red, green, blue.
   float* blue = first + (rgb_ ? 2 * plane : 0);
   float* green = first + plane;
@@ -280,15 +280,15 @@ const cv::Mat& OnnxNetwork::prepare(const cv::Mat& picture) {
       *red++ = reds[pixel[2]];
     }
   }
-  return parts_->input;
+  return impl_->input;
 }
 
 cv::Mat OnnxNetwork::run(const cv::Mat& input) {
   const Silence silence;
   cv::Mat output;
   try {
-    parts_->net.setInput(input);
-    output = parts_->net.forward(layer_);
+    impl_->net.setInput(input);
+    output = impl_->net.forward(layer_);
   } catch (const std::exception& exception) {
     throw Error("OpenCV cannot run it on a picture of " + std::to_string(width_) + " x " + std::to_string(height_) +
                     " up to layer '" + layer_ + "': " + reason_of(exception),

@@ -42,7 +42,7 @@ class OnnxNetwork {
   /// Returns OpenCV's name of the layer.
   const std::string& layer() const { return layer_; }
   bool rgb() const { return rgb_; }  ///< of the input's channels; else blue, green, red
-  /// What a byte v of a channel becomes: (v / 255 * scale - mean) / deviation; means and deviations of red, green,
+  /// A byte v of a channel becomes (v / 255 * scale - mean) / deviation, with the means and deviations of red, green,
   /// blue.
   float scale() const { return scale_; }
   const std::array<float, 3>& mean() const { return mean_; }
@@ -52,8 +52,8 @@ class OnnxNetwork {
   void choose_layer(const std::string& wanted, bool pooled);
   void choose_size(const std::vector<std::int64_t>& shape, int width, int height, bool firm);
 
-  struct Parts;
-  std::unique_ptr<Parts> parts_;  // OpenCV's objects
+  struct Impl;
+  std::unique_ptr<Impl> impl_;  // OpenCV's objects
   std::string path_, hash_, layer_;
   int width_ = 0, height_ = 0;
   bool rgb_ = true;

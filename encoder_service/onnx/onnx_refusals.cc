@@ -19,7 +19,7 @@ namespace {
 using Sides = std::vector<std::int64_t>;
 using onnx::NodeProto;
 
-constexpr std::size_t kLargestShape = 4096;  // bytes of a constant that may be a tensor's sides
+constexpr std::size_t kMaxShapeBytes = 4096;  // bytes of a constant that may be a tensor's sides
 
 bool one_of(const std::string& word, std::initializer_list<const char*> words) {
   return std::find(words.begin(), words.end(), word) != words.end();
@@ -73,7 +73,7 @@ class OnnxChecker {
       if (set.domain().empty() || set.domain() == "ai.onnx") opset_ = set.version();
     for (onnx::TensorProto& weights : *graph.mutable_initializer()) {
       sides_[weights.name()] = {weights.dims().begin(), weights.dims().end()};
-      if (weights.raw_data().size() > kLargestShape) weights.clear_raw_data();  // the copy need not have it
+      if (weights.raw_data().size() > kMaxShapeBytes) weights.clear_raw_data();  // the copy need not have it
       constants_[weights.name()] = &weights;
     }
     for (onnx::ValueInfoProto& input : *graph.mutable_input())
@@ -150,7 +150,7 @@ class OnnxChecker {
            (node.op_type() == "Gather" && number_of(node, "axis") < 0);
   }
 
-  /// What auto_pad SAME_* adds along each side.
+  /// Returns the padding that auto_pad SAME_* adds along each side.
   Sides same_padding(const NodeProto& node) const {
     const Sides from = sides(node.input(0)), kernel = list_of(node, "kernel_shape"), strides = list_of(node, "strides"),
                 dilations = list_of(node, "dilations");
@@ -163,7 +163,7 @@ class OnnxChecker {
     return all;
   }
 
-  /// SAME_LOWER is taken for SAME_UPPER, and dilations are left out of both.
+  /// Returns whether OpenCV would pad wrongly: it takes SAME_LOWER for SAME_UPPER, and leaves dilations out of both.
   bool pads_wrongly(const NodeProto& node) const {
     const std::string mode = text_of(node, "auto_pad");
     if (mode == "VALID" && number_of(node, "ceil_mode") != 0) return any_above(list_of(node, "strides"), 1);
@@ -205,7 +205,7 @@ class OnnxChecker {
     return product_of(from, static_cast<std::size_t>((axis + rank) % rank) + 1) != 1;
   }
 
-  /// How places are rounded is not read, and the sides' ratio is taken for the scale.
+  /// Returns whether OpenCV would resize wrongly: it ignores how places are rounded and scales by the sides' ratio.
   bool resizes_wrongly(const NodeProto& node) const {
     const int place = opset_ < 11 ? 1 : 2;
     const auto scales = constants_.find(place < node.input_size() ? node.input(place) : "");

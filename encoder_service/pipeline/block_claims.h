@@ -82,7 +82,7 @@ class BlockClaims {
            peer.frames == frames_;
   }
   bool waits_for(const Peer& peer, Clock::time_point now) const {
-    return peer.unanswered_since == Clock::time_point{} || now - peer.unanswered_since < kDeaf;
+    return peer.unanswered_since == Clock::time_point{} || now - peer.unanswered_since < kClaimTimeout;
   }
 
   const std::uint64_t own_, hash_;

@@ -11,9 +11,9 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostTraversals = 4096;  // anybody may name one
-constexpr int kWorthAsking = 16;               // frames of a block that a peer has not finished
-constexpr int kMostDamaged = 3;
+constexpr std::size_t kMaxTraversals = 4096;  // any process may name one
+constexpr int kMinFramesAsked = 16;           // frames of a block that a peer has not finished
+constexpr int kMaxDamaged = 3;
 
 std::uint32_t checksum(std::span<const std::uint8_t> bytes) {
   return static_cast<std::uint32_t>(::crc32_z(0, bytes.data(), bytes.size()));
@@ -84,7 +84,7 @@ void DescriptorExchange::on_heartbeat(const msg::ServiceStatus& status, Clock::t
 
 void DescriptorExchange::on_status(const msg::DescriptorStatus& status, Clock::time_point now) {
   const auto found = traversals_.find(status.hash());
-  if (found == traversals_.end() && traversals_.size() >= kMostTraversals) return;
+  if (found == traversals_.end() && traversals_.size() >= kMaxTraversals) return;
   if (!hear(status.header().incarnation(), status.header().sender().c_str(), now)) return;
   BlockClaims& claims = found == traversals_.end() ? add(status.hash(), status.frames()) : found->second.claims;
   claims.take(status, now);
@@ -154,7 +154,7 @@ void DescriptorExchange::on_chunk(const msg::DescriptorChunk& chunk, Clock::time
     ++node_.traffic.rejected;
     fetch.blob = Blob(fetch.bytes);
     fetch.timer.ask_now();
-    if (++fetch.damaged < kMostDamaged) return;
+    if (++fetch.damaged < kMaxDamaged) return;
     spdlog::warn("encoder_service '{}' sends damaged descriptors", chunk.header().sender().c_str());
     traversal.claims.withhold(found->first, fetch.block);
   }
@@ -191,7 +191,7 @@ void DescriptorExchange::begin_fetch(std::uint64_t incarnation, std::uint64_t ha
   for (int block = 0; block < static_cast<int>(work.lacking().size()); ++block) {
     const auto wanted = [&] { return claims.offered(peer, block) & work.lacking()[static_cast<std::size_t>(block)]; };
     if (wanted() == 0 || claims.has(block)) continue;
-    if (std::popcount(wanted()) < kWorthAsking && claims.encoded_by_peer(block)) continue;
+    if (std::popcount(wanted()) < kMinFramesAsked && claims.encoded_by_peer(block)) continue;
     if (std::any_of(fetches_.begin(), fetches_.end(),
                     [&](const auto& entry) { return entry.second.hash == hash && entry.second.block == block; }))
       continue;

@@ -20,7 +20,7 @@ namespace citylearn {
 /// have, and sends them those of this one (idl/descriptor.idl). Used by the node's thread.
 class DescriptorExchange {
  public:
-  /// So long after its start an encoder_service has heard the others, and may claim blocks.
+  /// After this time an encoder_service that starts has heard the others and may claim blocks.
 
   /// `node` must outlive it.
   explicit DescriptorExchange(Node& node);
@@ -59,7 +59,7 @@ class DescriptorExchange {
     Blob blob{bytes};
     std::uint32_t checksum = 0;  // of the first chunk that came
     int damaged = 0;             // times in a row
-    RequestTimer timer{kDescriptorRetry, RequestTimer::kUsualTries};
+    RequestTimer timer{kDescriptorRetry, RequestTimer::kDefaultTries};
   };
 
   BlockClaims& add(std::uint64_t hash, std::uint32_t frames);

@@ -17,7 +17,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::chrono::seconds kProgressInterval{2};
-constexpr std::size_t kLargestBacklog = std::size_t{64} << 20;  // bytes of a traversal's images that wait for encoding
+constexpr std::size_t kMaxBacklogBytes = std::size_t{64} << 20;  // bytes of a traversal's images that wait for encoding
 
 std::string_view as_text(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
 
@@ -153,7 +153,7 @@ EncodedTraversal* EncodingPipeline::reference() const {
   return encoded;
 }
 
-/// Where the store has what the encoder learned on the traversal with this hash.
+/// Returns where the store has what the encoder learned on the traversal with this hash.
 std::string EncodingPipeline::encoder_path(std::uint64_t traversal) const {
   return learned_path(options_.store, fmt::format("{} {:016x}", encoder_recipe_, traversal), "encoder");
 }
@@ -438,7 +438,7 @@ void EncodingPipeline::send_requests() {
   for (const auto& [hash, traversal] : traversals_) {
     const std::string host = find_host_(hash, "");
     if (host.empty() || (traversal->ready && !traversal->is_live)) continue;
-    if (!encoder_ready_ || traversal->bytes < kLargestBacklog) traversal->images.ask(host);
+    if (!encoder_ready_ || traversal->bytes < kMaxBacklogBytes) traversal->images.ask(host);
     if (traversal->is_live || !traversal->positions.ask(now_, request_)) continue;
     request_.environment() = host.c_str();
     node_.publish(request_);

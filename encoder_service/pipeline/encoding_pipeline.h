@@ -41,19 +41,19 @@ class EncodingPipeline {
 
   /// Does what can be done now. Throws what an encoder throws.
   void advance(Clock::time_point now);
-  /// What passes between this encoder_service and the others of the session.
+  /// Returns the exchange of descriptors with the other encoder_services of the session.
   DescriptorExchange& exchange() { return exchange_; }
   /// Finishes what the encoding thread has done.
   void finish() { encoding_.run_completions(); }
 
-  /// Whether the encoder has learned what it learns from the reference, or never does; features are named from then on.
+  /// Returns whether the encoder has learned from the reference, or never learns. Features are named from then on.
   bool encoder_ready() const { return encoder_ready_; }
   /// Names how features are made: equal texts, equal features.
   std::string feature_recipe() const;
   bool busy() const;
   std::uint64_t encoded() const { return encoded_; }  ///< frames
-  /// What the pipeline does, for ServiceStatus: FAILED with a fault, else what it does for the first traversal that is
-  /// not ready; nothing when all are.
+  /// Returns what the pipeline does, for ServiceStatus: FAILED with a fault, else its work on the first traversal that
+  /// is not ready. Returns nothing when all are ready.
   std::optional<std::pair<msg::State, std::string>> status(Clock::time_point now) const;
 
  private:

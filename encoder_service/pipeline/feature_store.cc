@@ -214,14 +214,14 @@ void check_file(int file, const Header& wanted, std::int64_t size, const std::st
 
 }  // namespace
 
-struct FeatureStore::Parts {
+struct FeatureStore::Impl {
   Key key;
   std::string path;
   int file = -1;
   std::mutex mutex;           // of the members below and of writes: file locks do not exclude threads of one store
   std::vector<bool> claimed;  // by this object
 
-  ~Parts() {
+  ~Impl() {
     if (file >= 0) ::close(file);
   }
   std::int64_t entry_at(int frame) const {
@@ -258,51 +258,51 @@ struct FeatureStore::Parts {
   }
 };
 
-FeatureStore::FeatureStore(const std::string& folder, const Key& key) : parts_(std::make_shared<Parts>()) {
+FeatureStore::FeatureStore(const std::string& folder, const Key& key) : impl_(std::make_shared<Impl>()) {
   check_key(key, folder);
   create_folder(folder);
-  Parts& parts = *parts_;
-  parts.key = key;
-  parts.path = (std::filesystem::path(folder) / file_name(key)).string();
-  parts.claimed.resize(static_cast<std::size_t>(key.frames));
+  Impl& impl = *impl_;
+  impl.key = key;
+  impl.path = (std::filesystem::path(folder) / file_name(key)).string();
+  impl.claimed.resize(static_cast<std::size_t>(key.frames));
   const Header header = header_of(key);
-  const auto open = [&] { parts.file = ::open(parts.path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK | O_NOCTTY); };
+  const auto open = [&] { impl.file = ::open(impl.path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK | O_NOCTTY); };
   open();
-  if (parts.file < 0 && errno == ENOENT) {
-    create(parts.path, header, parts.size());
+  if (impl.file < 0 && errno == ENOENT) {
+    create(impl.path, header, impl.size());
     open();
   }
-  if (parts.file < 0) fail("cannot be opened", parts.path);
-  check_file(parts.file, header, parts.size(), parts.path);
+  if (impl.file < 0) fail("cannot be opened", impl.path);
+  check_file(impl.file, header, impl.size(), impl.path);
 }
 
 FeatureStore::~FeatureStore() = default;
 
 bool FeatureStore::read(int frame, std::span<float> descriptor) const {
-  parts_->check(frame, descriptor.size());
-  return parts_->read(frame, descriptor.data());
+  impl_->check(frame, descriptor.size());
+  return impl_->read(frame, descriptor.data());
 }
 
 void FeatureStore::write(int frame, std::span<const float> descriptor) {
-  Parts& parts = *parts_;
-  parts.check(frame, descriptor.size());
+  Impl& impl = *impl_;
+  impl.check(frame, descriptor.size());
   // Two processes that write one frame at once would mix their numbers, which differ by rounding.
-  const std::lock_guard guard(parts.mutex);
-  lock(parts.file, kWrites + frame, 1, true, parts.path);
+  const std::lock_guard guard(impl.mutex);
+  lock(impl.file, kWrites + frame, 1, true, impl.path);
   struct Unlock {
     int file, frame;
     ~Unlock() { unlock(file, kWrites + frame, 1); }
-  } at_the_end{parts.file, frame};
+  } at_the_end{impl.file, frame};
   std::vector<float> there(descriptor.size());
-  if (parts.read(frame, there.data())) return;
-  write_at(parts.file, descriptor.data(), parts.frame_size(), parts.frame_at(frame), parts.path);
-  const Entry entry{kPresent, parts.checksum_of(frame, descriptor.data())};
-  write_at(parts.file, &entry, sizeof entry, parts.entry_at(frame), parts.path);
+  if (impl.read(frame, there.data())) return;
+  write_at(impl.file, descriptor.data(), impl.frame_size(), impl.frame_at(frame), impl.path);
+  const Entry entry{kPresent, impl.checksum_of(frame, descriptor.data())};
+  write_at(impl.file, &entry, sizeof entry, impl.entry_at(frame), impl.path);
 }
 
 std::vector<bool> FeatureStore::present() const {
-  std::vector<Entry> entries(static_cast<std::size_t>(parts_->key.frames));
-  read_at(parts_->file, entries.data(), entries.size() * sizeof(Entry), parts_->entry_at(0), parts_->path);
+  std::vector<Entry> entries(static_cast<std::size_t>(impl_->key.frames));
+  read_at(impl_->file, entries.data(), entries.size() * sizeof(Entry), impl_->entry_at(0), impl_->path);
   std::vector<bool> present;
   present.reserve(entries.size());
   for (const Entry& entry : entries) present.push_back(entry.state == kPresent);
@@ -312,29 +312,29 @@ std::vector<bool> FeatureStore::present() const {
 std::unique_ptr<FeatureStore::Claim> FeatureStore::claim(int first, int count) {
   class Lock : public Claim {
    public:
-    Lock(const std::shared_ptr<Parts>& parts, int first, int count) : parts_(parts), first_(first), count_(count) {}
+    Lock(const std::shared_ptr<Impl>& impl, int first, int count) : impl_(impl), first_(first), count_(count) {}
     ~Lock() override {
-      const std::shared_ptr<Parts> parts = parts_.lock();
-      if (!parts) return;  // with the store its file was closed, and that released it
-      const std::lock_guard guard(parts->mutex);
-      std::fill_n(parts->claimed.begin() + first_, count_, false);
-      unlock(parts->file, kClaims + first_, count_);
+      const std::shared_ptr<Impl> impl = impl_.lock();
+      if (!impl) return;  // with the store its file was closed, and that released it
+      const std::lock_guard guard(impl->mutex);
+      std::fill_n(impl->claimed.begin() + first_, count_, false);
+      unlock(impl->file, kClaims + first_, count_);
     }
 
    private:
-    std::weak_ptr<Parts> parts_;
+    std::weak_ptr<Impl> impl_;
     int first_, count_;
   };
-  Parts& parts = *parts_;
-  parts.check(first, count);
-  const std::lock_guard guard(parts.mutex);
-  const auto begin = parts.claimed.begin() + first, end = begin + count;
+  Impl& impl = *impl_;
+  impl.check(first, count);
+  const std::lock_guard guard(impl.mutex);
+  const auto begin = impl.claimed.begin() + first, end = begin + count;
   if (std::find(begin, end, true) != end) return nullptr;
-  if (!lock(parts.file, kClaims + first, count, false, parts.path)) return nullptr;
+  if (!lock(impl.file, kClaims + first, count, false, impl.path)) return nullptr;
   std::fill(begin, end, true);
-  return std::make_unique<Lock>(parts_, first, count);
+  return std::make_unique<Lock>(impl_, first, count);
 }
 
-const std::string& FeatureStore::path() const { return parts_->path; }
+const std::string& FeatureStore::path() const { return impl_->path; }
 
 }  // namespace citylearn

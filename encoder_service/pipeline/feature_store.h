@@ -51,8 +51,8 @@ class FeatureStore {
   const std::string& path() const;
 
  private:
-  struct Parts;
-  std::shared_ptr<Parts> parts_;  ///< claims hold it weakly
+  struct Impl;
+  std::shared_ptr<Impl> impl_;  ///< claims hold it weakly
 };
 
 }  // namespace citylearn

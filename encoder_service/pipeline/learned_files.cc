@@ -12,8 +12,8 @@
 namespace citylearn {
 namespace {
 
-constexpr const char* kBetween = " | ";
-constexpr std::size_t kLongest = 256;  // of TraversalInfo.encoder
+constexpr const char* kSeparator = " | ";
+constexpr std::size_t kMaxRecipeLength = 256;  // of TraversalInfo.encoder
 
 }  // namespace
 
@@ -45,12 +45,12 @@ std::string reduction_path(const std::string& store, const std::string& encoder,
                       "reduction");
 }
 
-std::string FeatureRecipe::text() const { return (encoder + kBetween + reduction).substr(0, kLongest); }
+std::string FeatureRecipe::text() const { return (encoder + kSeparator + reduction).substr(0, kMaxRecipeLength); }
 
 std::optional<FeatureRecipe> FeatureRecipe::parse(const std::string& text) {
-  const std::size_t at = text.rfind(kBetween);
+  const std::size_t at = text.rfind(kSeparator);
   if (at == text.npos) return std::nullopt;
-  return FeatureRecipe{text.substr(0, at), text.substr(at + std::string(kBetween).size())};
+  return FeatureRecipe{text.substr(0, at), text.substr(at + std::string(kSeparator).size())};
 }
 
 std::string recipe_of(const ReductionOptions& options) {

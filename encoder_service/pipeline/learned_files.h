@@ -22,7 +22,7 @@ std::string learned_path(const std::string& store, const std::string& recipe, co
 std::string reduction_path(const std::string& store, const std::string& encoder, std::uint64_t traversal,
                            const ReductionOptions& options);
 
-/// How features are made of pictures: TraversalInfo.encoder.
+/// Describes how features are made of pictures: TraversalInfo.encoder.
 struct FeatureRecipe {
   std::string encoder;    ///< Encoder::Spec::name
   std::string reduction;  ///< "64 running 0.2", dimension as wanted; or the name of a file

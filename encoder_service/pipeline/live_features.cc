@@ -23,7 +23,7 @@ void LiveFeatures::put_bad(int frame) { keep(frame); }
 
 void LiveFeatures::keep(int frame) {
   features_[frame] = last_;
-  if (features_.size() > kKept) features_.erase(features_.begin());
+  if (features_.size() > kMaxPictures) features_.erase(features_.begin());
 }
 
 const float* LiveFeatures::find(int frame) const {

@@ -9,8 +9,7 @@
 
 namespace citylearn {
 
-/// Features of the pictures that a robot's camera takes, made one by one as they come. The newest are kept. Used by one
-/// thread.
+/// Features of a robot's pictures, made one by one as pictures come. The newest are kept. Used by one thread.
 class LiveFeatures {
  public:
   /// `reduction`: what was learned by these options; null: nothing was, and features are the descriptors, of `numbers`
@@ -26,7 +25,7 @@ class LiveFeatures {
   const float* find(int frame) const;
 
  private:
-  static constexpr std::size_t kKept = 256;  // pictures
+  static constexpr std::size_t kMaxPictures = 256;  // pictures
 
   void keep(int frame);
 

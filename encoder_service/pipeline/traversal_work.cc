@@ -9,7 +9,7 @@
 namespace citylearn {
 namespace {
 
-constexpr auto kLookAgain = std::chrono::milliseconds(100);
+constexpr auto kStorePollInterval = std::chrono::milliseconds(100);
 constexpr int kBlock = BlockClaims::kFrames;
 
 std::size_t block_of(int frame) { return static_cast<std::size_t>(frame / kBlock); }
@@ -77,7 +77,7 @@ void TraversalWork::release_finished_blocks() {
 
 int TraversalWork::claim(int begin) {
   // The store is looked into when there is nothing else to do, but not at every call.
-  if (store_ && Clock::now() >= looked_ + kLookAgain) look_into_store();
+  if (store_ && Clock::now() >= looked_ + kStorePollInterval) look_into_store();
   if (claims_.blocks().size() >= msg::MAX_BLOCKS_CLAIMED) return 0;
   const int blocks = static_cast<int>(lacking_.size());
   for (int i = 0; i < blocks; ++i) {

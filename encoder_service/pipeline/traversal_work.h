@@ -52,7 +52,7 @@ class TraversalWork {
   int made() const { return made_; }        ///< of those done, by this object
   int fetched() const { return fetched_; }  ///< of those done, from other processes over the wire
   const std::vector<int>& bad() const { return bad_; }
-  /// By block, a bit a frame: those whose descriptors are here, and those not done.
+  /// Return a bit a frame, by block: frames whose descriptors are here, and frames that are not done.
   std::span<const std::uint64_t> present() const { return present_; }
   std::span<const std::uint64_t> lacking() const { return lacking_; }
 

@@ -12,7 +12,7 @@ namespace citylearn {
 
 inline constexpr int kMaxDimension = 4096;  ///< features a frame
 
-/// How frames of two traversals of a route are matched.
+/// Ways to match frames of two traversals of a route.
 enum class Correspondence {
   kIndex,     ///< frame i is frame i
   kMatches,   ///< by the dataset's own match file
@@ -20,7 +20,7 @@ enum class Correspondence {
   kGps,       ///< by the nearest latitude and longitude
 };
 
-/// Where traversals come from. A dataset is one file of datasets/ that ends in a static Registration.
+/// A source of traversals. A dataset is one file of datasets/ that ends in a static Registration.
 class Dataset {
  public:
   virtual ~Dataset() = default;

@@ -119,7 +119,7 @@ void locate(Traversal& traversal, const GpsRows& rows, double reach) {
 GpsRows read_gps_rows(const std::string& path) {
   TextTable::Options options;
   options.header = false;
-  if (read_file(path, kLargestText).find(',') == std::string::npos) options.separator = ' ';
+  if (read_file(path, kMaxTextBytes).find(',') == std::string::npos) options.separator = ' ';
   const TextTable table(path, options);
   GpsRows gps;
   for (int row = 0; row < table.rows(); ++row) {

@@ -40,7 +40,7 @@ class FolderDataset : public Dataset {
   const std::string dataset_, folder_;
 };
 
-/// Factory of a dataset with a constructor from folder and parameters.
+/// Creates a dataset that has a constructor from folder and parameters.
 template <class T>
 std::unique_ptr<Dataset> open_folder(const Parameters& parameters, const std::string& folder) {
   return std::make_unique<T>(folder, parameters);

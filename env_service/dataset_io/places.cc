@@ -21,7 +21,7 @@ constexpr double kMaxSpeedRatio = 25;               // to the usual speed
 constexpr double kStrained = 0.3;                   // of the farthest way that is possible
 constexpr double kSimulatedExtent = 10'000;         // metres around 0, 0
 constexpr double kMaxJump = 30'000;                 // metres; zones of UTM are farther apart
-constexpr std::size_t kMaxJumps = 3, kLeastCopies = 4, kLeastKnown = 5, kMaxLookBack = 50;
+constexpr std::size_t kMaxJumps = 3, kMinCopies = 4, kMinKnown = 5, kMaxLookBack = 50;
 
 /// The known places of a drive, of which it forgets those that cannot be.
 class Drive {
@@ -44,7 +44,7 @@ class Drive {
     if (places_.on_earth) forget_null_island();
     const std::size_t fixes = kept_.size();
     std::vector<std::size_t> jumps;
-    if (fixes >= kLeastKnown) {
+    if (fixes >= kMinKnown) {
       measure_speed();
       forget_copies();
       jumps = forget_stretches();
@@ -66,7 +66,7 @@ class Drive {
     Point point;
   };
   static double metres(const Place& from, const Place& to) { return metres_between(from.point, to.point); }
-  /// The way from one place to another, in parts of the farthest that is possible.
+  /// Returns the way from one place to another, in parts of the farthest that is possible.
   double strain(const Place& from, const Place& to) const {
     const double error = places_.on_earth ? kFixError : kPoseError;
     return metres(from, to) / std::max(error, kMaxSpeedRatio * speed_ * (to.time - from.time));
@@ -140,7 +140,7 @@ class Drive {
       const Place &before = kept_[next - 1], &here = kept_[next];
       const double step = metres(before, here), usual = speed_ * (here.time - kept_[first].time);
       if (step == 0) continue;
-      if (next - first > kLeastCopies && step > 0.6 * usual && step < 3 * usual &&
+      if (next - first > kMinCopies && step > 0.6 * usual && step < 3 * usual &&
           step > 3 * speed_ * (here.time - before.time))
         std::fill_n(copy.begin() + static_cast<std::ptrdiff_t>(first + 1), next - first - 1, true);
       first = next;

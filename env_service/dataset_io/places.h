@@ -20,8 +20,8 @@ struct Places {
   bool warns_of_jumps = true;
 };
 
-/// Forgets places that no vehicle can have come to, and says so in one warning, which counts them and names the first.
-/// Those between places at most 100 m apart are put between them, the others are unknown. Such are
+/// Replaces places that no vehicle can have reached, and counts them in one warning that names the first. Between
+/// places at most 100 m apart they are interpolated, elsewhere they become unknown. Impossible are
 ///   - 0, 0 on the earth, unless other places are within 10 km of it, as in simulators;
 ///   - short stretches too far from those before and after: more than 100 m (on a plane 10 m) and 25 times the way at
 ///     the drive's usual speed; for one place there and back 3/10 of that. The most places possible are kept, and a

@@ -25,7 +25,7 @@ int frame_number(const TextTable& table, int row, const std::string& column) {
   return static_cast<int>(number);
 }
 
-/// Frame of each row.
+/// Returns the frame of each row.
 std::vector<int> frames_of(const TextTable& table, const Traversal& traversal) {
   std::unordered_map<std::string, int> files;
   const bool by_file = !table.has("frame") && table.has("file");

@@ -14,13 +14,13 @@
 namespace citylearn {
 namespace {
 
-constexpr double kLeastMetres = 0.05;  ///< apart
+constexpr double kMinMetres = 0.05;  ///< apart
 
 void check(const Selection& selection) {
   if (selection.first < 0 || selection.end <= selection.first) throw Error("no frame in it", "--frames");
   if (!(selection.from < selection.to)) throw Error("no place in it", "--metres");
   if (selection.step < 1) throw Error("must be 1 or more", "--step");
-  if (selection.step_metres != 0 && !(selection.step_metres >= kLeastMetres && std::isfinite(selection.step_metres)))
+  if (selection.step_metres != 0 && !(selection.step_metres >= kMinMetres && std::isfinite(selection.step_metres)))
     throw Error("must be 0.05 or more", "--step-metres");
   if (selection.step > 1 && selection.step_metres > 0)
     throw Error("cannot be together with --step", "--step-metres", "give one of them");
@@ -98,7 +98,7 @@ int replacement_for(const Images& images, int frame) {
 
 /// Returns the frames to show in place of `frames`.
 std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames, bool skip) {
-  constexpr int kShown = 20;
+  constexpr int kMaxNamedFrames = 20;
   int bad = 0, last = -1, replacement = -1;
   std::string first;
   for (int& frame : frames) {
@@ -106,16 +106,16 @@ std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames,
     if (fault.empty()) continue;
     if (++bad == 1) first = images.name(frame) + ": " + fault;
     if (!skip) {
-      if (bad <= kShown) spdlog::error("bad frame {}: {}", images.name(frame), fault);
+      if (bad <= kMaxNamedFrames) spdlog::error("bad frame {}: {}", images.name(frame), fault);
       continue;
     }
     if (frame != last) replacement = replacement_for(images, frame);
     last = frame;
-    if (bad <= kShown)
+    if (bad <= kMaxNamedFrames)
       spdlog::warn("bad frame {}: {}; {} replaces it", images.name(frame), fault, images.name(replacement));
     frame = replacement;
   }
-  if (bad > kShown) spdlog::warn("{} bad frames, {} of them named", bad, kShown);
+  if (bad > kMaxNamedFrames) spdlog::warn("{} bad frames, {} of them named", bad, kMaxNamedFrames);
   if (bad && !skip)
     throw Error(first + (bad > 1 ? ", and " + std::to_string(bad - 1) + " more bad frames" : ""), "",
                 "replace the files, cut with --frames, or use their neighbours with --on-bad-frame skip");

@@ -71,7 +71,7 @@ class Alderley : public FolderDataset {
     return first_folder(folder_, {folder + "/" + folder, folder});
   }
 
-  /// Frame by the number in its file's name.
+  /// Returns the frame by the number in its file's name.
   std::map<long, int> frames(const std::string& name) const {
     std::map<long, int> frames;
     for (const NumberedFile& file : numbered_files(pictures(name), image_suffixes()))

@@ -28,8 +28,8 @@ constexpr double kBddReach = 1.5;  // seconds; the phones logged their position 
 ///     {"name": "<id>.jpg", "attributes": {"weather": ..., "timeofday": ...}}: the condition, "night+rainy"
 /// A ride is a traversal when its video has an info file. Whether that is complete is checked when it is loaded
 /// (100,000 files of 0.3 MB are not opened to list them): at least two locations that cover `seconds` of the ride.
-/// Where "locations" is missing, "gps" of the same fields is taken. Unsure: that "startTime" is the time of the first
-/// frame to less than a second.
+/// Where "locations" is missing, "gps" with the same fields is read. It is not certain that "startTime" is the time of
+/// the first frame to less than a second.
 class Bdd100k : public FolderDataset {
  public:
   Bdd100k(const std::string& folder, const Parameters& parameters)
@@ -102,7 +102,7 @@ class Bdd100k : public FolderDataset {
     return *paths;
   }
 
-  /// Names of the folders that hold videos: "train", "val", "test".
+  /// Returns the names of the folders that hold videos: "train", "val", "test".
   const std::set<std::string>& splits() {
     if (splits_.empty())
       for (const auto& [name, path] : videos()) splits_.insert(fs::path(path).parent_path().filename().string());
@@ -123,7 +123,7 @@ class Bdd100k : public FolderDataset {
     return condition;
   }
 
-  /// From the lists of labels, read once and only when a condition is asked for.
+  /// Returns the conditions from the lists of labels, which are read once and only when a condition is asked for.
   const std::map<std::string, std::string>& conditions() {
     if (conditions_) return *conditions_;
     conditions_.emplace();

@@ -41,7 +41,7 @@ class Cityscapes : public FolderDataset {
     return found;
   }
 
-  /// Daylight, good weather, by the dataset's design.
+  /// Returns "day": the dataset has daylight and good weather by design.
   std::string condition(const std::string&) override { return "day"; }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 

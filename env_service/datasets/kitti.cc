@@ -111,7 +111,7 @@ class Kitti : public FolderDataset {
     return folders;
   }
 
-  /// Name and folder.
+  /// Returns the recordings' folders by name.
   std::map<std::string, std::string> recordings() const {
     std::map<std::string, std::string> found;
     if (!is_folder(folder_)) return found;

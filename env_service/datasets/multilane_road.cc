@@ -59,7 +59,7 @@ class MultilaneRoad : public FolderDataset {
     return traversal;
   }
 
-  /// Path by name.
+  /// Returns the recordings' paths by name.
   std::map<std::string, std::string> recordings() const {
     std::map<std::string, std::string> found;
     if (is_folder(folder_)) look_in(folder_, "", kDepth, found);

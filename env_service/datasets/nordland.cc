@@ -46,7 +46,7 @@ class Nordland : public FolderDataset {
     return names;
   }
 
-  /// By names that are not just a season's, or GPS logs.
+  /// Returns whether it has GPS logs, or names that are more than a season's.
   bool distinctive() override {
     const std::map<std::string, std::string> known = sources();
     return std::any_of(known.begin(), known.end(), [&](const auto& one) {
@@ -55,7 +55,7 @@ class Nordland : public FolderDataset {
     });
   }
 
-  /// Pictures of the same number.
+  /// Returns pairs of pictures with the same number.
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
     require_known(a);
     require_known(b);
@@ -113,7 +113,7 @@ class Nordland : public FolderDataset {
     return path + "/" + films.front();
   }
 
-  /// Path of each season's folder or film. Folders go before films that pictures were taken from.
+  /// Returns the path of each season's folder or film. Folders go before films that pictures were taken from.
   std::map<std::string, std::string> sources() const {
     std::map<std::string, std::string> found;
     const std::vector<std::string> folders = folders_in(folder_), films = files_in(folder_, video_suffixes());

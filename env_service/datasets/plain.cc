@@ -71,7 +71,7 @@ class Plain : public FolderDataset {
     return traversal;
   }
 
-  /// The pictures of a folder, or of the only folder below it that has any.
+  /// Returns the pictures of a folder, or of the only folder below it that has any.
   Traversal photographed(const std::string& name, const std::string& path) const {
     const std::vector<std::string> folders = picture_folders(path, kPictureDepth);
     if (folders.size() > 1 && folders[0] != path)
@@ -99,7 +99,7 @@ class Plain : public FolderDataset {
     return file >> first && (std::isalpha(static_cast<unsigned char>(first)) || first == '"');
   }
 
-  /// Path of each traversal, by name.
+  /// Returns the path of each traversal, by name.
   std::map<std::string, std::string> sources() const {
     std::map<std::string, std::string> found;
     const auto add = [&](const std::string& name, const std::string& file) {

@@ -29,7 +29,7 @@ class StLuciaMultipleTimes : public FolderDataset {
     return found;
   }
 
-  /// The time of day: "08:45". Two drives share each.
+  /// Returns the time of day, "08:45". Two drives share each.
   std::string condition(const std::string& name) override {
     return has_form(name, "000000_0000") ? name.substr(7, 2) + ":" + name.substr(9, 2) : "";
   }
@@ -65,7 +65,7 @@ class StLuciaMultipleTimes : public FolderDataset {
     return traversal;
   }
 
-  /// Each picture's row by its number, when the log reaches as far as the numbers do.
+  /// Returns each picture's row by its number, when the log reaches as far as the numbers do.
   static GpsRows rows_of(const std::vector<NumberedFile>& pictures, const GpsRows& rows) {
     const auto frames = static_cast<int>(pictures.size());
     if (pictures.back().number >= static_cast<long>(rows.latitude.size())) return spread(rows, frames);

@@ -181,7 +181,7 @@ class StreetLearn : public FolderDataset {
     std::vector<double> metres;
     std::vector<Step> before;  // the node before and the heading from there
   };
-  /// Shortest paths from `start` (Dijkstra).
+  /// Returns the shortest paths from `start` (Dijkstra).
   Tree shortest(int start) const {
     Tree tree{std::vector<double>(nodes_.size(), std::numeric_limits<double>::infinity()),
               std::vector<Step>(nodes_.size(), Step{-1, 0})};

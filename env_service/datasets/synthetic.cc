@@ -19,7 +19,7 @@ namespace {
 // summer and fall: distances between neighbours 1 to 40 frames apart, between conditions at one place and at different
 // places, the spectrum, and how the difference between the conditions is correlated along the route.
 
-/// How a condition changes the places. Variances are per frame, of vectors whose squared length is 1 in summer.
+/// Changes of the places under one condition. Variances are per frame, of vectors whose squared length is 1 in summer.
 struct Condition {
   const char* name;
   double own;    ///< variance that this condition does not share with the others
@@ -71,7 +71,7 @@ class Drift {
   bool first_ = true;
 };
 
-/// Standard deviations by direction, squares adding up to 1: few strong directions and many weak ones.
+/// Returns standard deviations by direction, squares adding up to 1: few strong directions and many weak ones.
 Vector spectrum(int dimension, double slope) {
   Vector values(dimension);
   double sum = 0;
@@ -138,7 +138,7 @@ class Synthetic : public Dataset {
     drawn_.viewpoint = parameters["viewpoint"];
   }
 
-  /// The first four from the easiest to the hardest.
+  /// Returns the names. The first four go from the easiest to the hardest.
   std::vector<std::string> names() override {
     if (images_) return drawn_names();
     std::vector<std::string> names;

@@ -64,8 +64,8 @@ class DrawnImages : public Images {
 
 }  // namespace
 
-struct DrawnDrive::Parts {
-  Parts(const DrawnOptions& options, const std::pair<drawn::Look, std::uint64_t>& found)
+struct DrawnDrive::Impl {
+  Impl(const DrawnOptions& options, const std::pair<drawn::Look, std::uint64_t>& found)
       : look(found.first), camera(options, look, found.second) {}
 
   const drawn::Look look;
@@ -74,23 +74,23 @@ struct DrawnDrive::Parts {
 };
 
 DrawnDrive::DrawnDrive(const DrawnOptions& options, const std::string& name)
-    : parts_(std::make_unique<Parts>(options, find_look(options, name))) {}
+    : impl_(std::make_unique<Impl>(options, find_look(options, name))) {}
 
 DrawnDrive::~DrawnDrive() = default;
 
 void DrawnDrive::draw(float metres, Bytes& file) {
-  std::vector<unsigned char>& bytes = parts_->file;
+  std::vector<unsigned char>& bytes = impl_->file;
   try {
-    cv::imencode(".png", parts_->camera.draw(metres), bytes,
+    cv::imencode(".png", impl_->camera.draw(metres), bytes,
                  {cv::IMWRITE_PNG_COMPRESSION, 1, cv::IMWRITE_PNG_STRATEGY, cv::IMWRITE_PNG_STRATEGY_RLE});
   } catch (const cv::Exception& error) {
-    throw Error(error.err, parts_->look.name + ", at " + std::to_string(metres) + " m");
+    throw Error(error.err, impl_->look.name + ", at " + std::to_string(metres) + " m");
   }
   file.resize(bytes.size());
   std::memcpy(file.data(), bytes.data(), bytes.size());
 }
 
-float DrawnDrive::heading(float metres) const { return parts_->camera.heading(metres); }
+float DrawnDrive::heading(float metres) const { return impl_->camera.heading(metres); }
 
 const std::vector<std::string>& drawn_names() {
   static const std::vector<std::string> names = [] {

@@ -20,7 +20,7 @@ struct DrawnOptions {
   double viewpoint = 1.5;        ///< metres by which the camera of "shifted" drives further left
 };
 
-/// Names of the recordings: "summer", "fall", "winter", "night", "overcast", "rain", "shifted".
+/// Returns the names of the recordings: "summer", "fall", "winter", "night", "overcast", "rain", "shifted".
 const std::vector<std::string>& drawn_names();
 
 /// Draws what the camera of a car sees that drives through the city. Used by one thread.
@@ -36,8 +36,8 @@ class DrawnDrive {
   float heading(float metres) const;
 
  private:
-  struct Parts;
-  std::unique_ptr<Parts> parts_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 /// Draws a picture for each position (metres along the route) as PNG, when it is read. Equal options, name and

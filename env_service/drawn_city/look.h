@@ -10,7 +10,7 @@ namespace citylearn::drawn {
 /// BGR, 0..255.
 using Colour = cv::Vec3f;
 
-/// What a recording makes of the world: season, weather, light, and how the car drives.
+/// The appearance of the drawn world in one recording: season, weather, light, and how the car drives.
 struct Look {
   std::string name;
   int leaves = 0;               ///< 0 green, 1 of autumn, 2 none
@@ -30,7 +30,7 @@ struct Look {
   float sway = 1;                ///< how unsteadily it is driven
   float lateral = 0, yaw = 0;    ///< of the camera: metres, radians
 };
-/// All looks, in the order of drawn_names().
+/// Returns all looks, in the order of drawn_names().
 const std::vector<Look>& looks();
 
 }  // namespace citylearn::drawn

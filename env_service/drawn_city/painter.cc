@@ -18,7 +18,7 @@ Colour mix(const Colour& a, const Colour& b, float share) { return a + (b - a) *
 const Colour kSnow{250, 246, 242};
 const Colour kLit{110, 190, 255};
 
-/// Clear, but of this colour, so that edges blend into it.
+/// Returns a transparent picture of this colour, so that edges blend into it.
 cv::Mat canvas(int width, int height, const Colour& colour) {
   return cv::Mat(std::max(1, height), std::max(1, width), CV_8UC4, opaque(colour, 0));
 }

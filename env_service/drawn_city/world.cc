@@ -15,7 +15,7 @@ float lattice(std::uint64_t stream, std::int64_t x, std::int64_t y) {
 }
 float ease(float t) { return t * t * t * (t * (t * 6 - 15) + 10); }
 
-constexpr std::size_t kCellsKept = 256;
+constexpr std::size_t kMaxCachedCells = 256;
 // What a stream of random numbers decides.
 enum Purpose { kBuilding = 1, kYard, kCars, kFurniture, kFields, kPlan };
 enum Field : std::uint64_t { kBend = 31, kCurve, kTown, kQuarter };
@@ -74,7 +74,7 @@ const Cell& World::cell(long index) {
     recent_.splice(recent_.begin(), recent_, known->second);
     return known->second->second;
   }
-  if (recent_.size() >= kCellsKept) {
+  if (recent_.size() >= kMaxCachedCells) {
     cells_.erase(recent_.back().first);
     recent_.pop_back();
   }

@@ -45,7 +45,7 @@ inline constexpr int kGroundSteps = 8, kGroundReach = 40;  // metres to either s
 class World {
  public:
   World(const DrawnOptions& options, const Look& look, std::uint64_t look_index);
-  /// Direction of the route, radians.
+  /// Returns the direction of the route in radians.
   float heading(float s) const;
   Zone zone(long cell) const;
   /// Valid until the next call.
@@ -70,7 +70,7 @@ class World {
   std::unordered_map<long, std::list<std::pair<long, Cell>>::iterator> cells_;
 };
 
-/// Smooth noise, -1..1, that changes over a distance of 1.
+/// Returns smooth noise, -1..1, that changes over a distance of 1.
 float noise(std::uint64_t stream, float x);
 float noise(std::uint64_t stream, float x, float y);
 

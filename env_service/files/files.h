@@ -9,7 +9,7 @@
 namespace citylearn {
 
 /// Bytes of the largest table or JSON file.
-inline constexpr std::size_t kLargestText = std::size_t{1} << 30;
+inline constexpr std::size_t kMaxTextBytes = std::size_t{1} << 30;
 
 /// Returns the names (not paths) of a folder's files that end in one of `suffixes`, whatever the letter case, without
 /// hidden files, in natural order: "img2" before "img10". Throws Error when the folder cannot be read.

@@ -16,7 +16,7 @@ using nlohmann::json;
 json read_json(const std::string& path) { return read_json_without(path, {}); }
 
 json read_json_without(const std::string& path, const std::vector<std::string>& members) {
-  return parse_json(read_file(path, kLargestText), path, "fetch the file again", members);
+  return parse_json(read_file(path, kMaxTextBytes), path, "fetch the file again", members);
 }
 
 double json_number(const json& object, const std::string& field, const std::string& path) {

@@ -39,7 +39,7 @@ Numbers varying_numbers(const Names& names, Names& texts) {
   return numbers;
 }
 
-/// Whether decimals may be two counters, as "1.10" behind "1.9", or seconds and nanoseconds: some are padded, some not.
+/// Returns whether decimals may be two counters ("1.9", "1.10"), or seconds and nanoseconds: some are padded, some not.
 bool may_be_two_counters(const Names& texts) {
   std::set<std::size_t> lengths;
   bool padded = false;
@@ -67,8 +67,8 @@ std::size_t begin_of_wrapped_counter(const Names& texts, const Numbers& numbers)
   return ends && largest >= numbers.back() / 4 ? hole : 0;
 }
 
-/// Whether names give no order: words that differ, as hashes do; numbers of different units, or too spread for times;
-/// places, as @utm@easting@northing@.
+/// Returns whether names give no order: words that differ, as hashes do; numbers of different units, or too spread for
+/// times; places, as @utm@easting@northing@.
 bool without_order(const Names& names, const Numbers& numbers) {
   std::set<std::string> words;
   std::size_t longest = 0;

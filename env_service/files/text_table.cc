@@ -43,7 +43,7 @@ std::string printable(std::string_view field) {
 }
 
 /// Fields are places in the text, 8 bytes each, so that a log of a million rows takes little more than its file.
-struct TextTable::Parts {
+struct TextTable::Impl {
   struct Field {
     std::uint32_t begin, size;
   };
@@ -90,41 +90,41 @@ struct TextTable::Parts {
 };
 
 TextTable::TextTable(const std::string& path, const Options& options) {
-  auto parts = std::make_shared<Parts>();
-  parts->path = path;
-  parts->text = read_file(path, kLargestText);
-  parts->separator = options.separator;
+  auto impl = std::make_shared<Impl>();
+  impl->path = path;
+  impl->text = read_file(path, kMaxTextBytes);
+  impl->separator = options.separator;
   bool header = options.header;
-  each_line(parts->text, [&](std::string_view row, int line) {
+  each_line(impl->text, [&](std::string_view row, int line) {
     if (row.empty() || row.front() == '#') return;
-    const auto begin = static_cast<std::size_t>(row.data() - parts->text.data());
-    parts->add_row(begin, begin + row.size(), static_cast<std::uint32_t>(line));
+    const auto begin = static_cast<std::size_t>(row.data() - impl->text.data());
+    impl->add_row(begin, begin + row.size(), static_cast<std::uint32_t>(line));
     if (!std::exchange(header, false)) return;
-    for (int i = 0; i < parts->columns(0); ++i) parts->names.emplace_back(parts->field(0, i));
-    parts->rows.clear();
-    parts->fields.clear();
+    for (int i = 0; i < impl->columns(0); ++i) impl->names.emplace_back(impl->field(0, i));
+    impl->rows.clear();
+    impl->fields.clear();
   });
   if (header) throw Error("is empty", path, "its first line should name the columns");
-  parts->rows.shrink_to_fit();
-  parts->fields.shrink_to_fit();
-  parts_ = std::move(parts);
+  impl->rows.shrink_to_fit();
+  impl->fields.shrink_to_fit();
+  impl_ = std::move(impl);
 }
 
-int TextTable::rows() const { return static_cast<int>(parts_->rows.size()); }
-int TextTable::columns(int row) const { return parts_->columns(static_cast<std::size_t>(row)); }
-bool TextTable::has(const std::string& column) const { return parts_->find(column) >= 0; }
-const std::string& TextTable::path() const { return parts_->path; }
+int TextTable::rows() const { return static_cast<int>(impl_->rows.size()); }
+int TextTable::columns(int row) const { return impl_->columns(static_cast<std::size_t>(row)); }
+bool TextTable::has(const std::string& column) const { return impl_->find(column) >= 0; }
+const std::string& TextTable::path() const { return impl_->path; }
 
 std::string_view TextTable::text(int row, int column) const {
   if (column < 0 || column >= columns(row))
     fail(row, "no column " + std::to_string(column + 1) + ", there are " + std::to_string(columns(row)));
-  return parts_->field(static_cast<std::size_t>(row), column);
+  return impl_->field(static_cast<std::size_t>(row), column);
 }
 
 std::string_view TextTable::text(int row, const std::string& column) const {
-  const int index = parts_->find(column);
+  const int index = impl_->find(column);
   if (index < 0) {
-    throw Error("no column '" + column + "'", parts_->path, "there are: " + joined(parts_->names, printable));
+    throw Error("no column '" + column + "'", impl_->path, "there are: " + joined(impl_->names, printable));
   }
   if (index >= columns(row)) fail(row, "nothing in column '" + column + "'");
   return text(row, index);
@@ -132,8 +132,8 @@ std::string_view TextTable::text(int row, const std::string& column) const {
 
 double TextTable::number(int row, int column) const {
   std::string_view field = text(row, column);
-  const std::string name = column < static_cast<int>(parts_->names.size())
-                               ? "'" + printable(parts_->names[static_cast<std::size_t>(column)]) + "'"
+  const std::string name = column < static_cast<int>(impl_->names.size())
+                               ? "'" + printable(impl_->names[static_cast<std::size_t>(column)]) + "'"
                                : std::to_string(column + 1);
   if (field.empty()) fail(row, "nothing in column " + name);
   std::string_view digits = field;
@@ -148,11 +148,11 @@ double TextTable::number(int row, int column) const {
 
 double TextTable::number(int row, const std::string& column) const {
   text(row, column);
-  return number(row, parts_->find(column));
+  return number(row, impl_->find(column));
 }
 
 std::string TextTable::place(int row) const {
-  return parts_->path + ":" + std::to_string(parts_->rows[static_cast<std::size_t>(row)].line);
+  return impl_->path + ":" + std::to_string(impl_->rows[static_cast<std::size_t>(row)].line);
 }
 
 void TextTable::fail(int row, const std::string& what, const std::string& remedy) const {

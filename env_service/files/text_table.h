@@ -27,8 +27,7 @@ class TextTable {
   int rows() const;
   int columns(int row) const;
   bool has(const std::string& column) const;
-  /// Returns a field by the column's name or index, without blanks at its ends. Throws Error when there is no such
-  /// column.
+  /// Returns a field by its column's name or index, without blanks at its ends. Throws Error for an unknown column.
   std::string_view text(int row, const std::string& column) const;
   std::string_view text(int row, int column) const;
   /// Returns the field as a finite number. Throws Error otherwise.
@@ -41,8 +40,8 @@ class TextTable {
   const std::string& path() const;
 
  private:
-  struct Parts;
-  std::shared_ptr<const Parts> parts_;
+  struct Impl;
+  std::shared_ptr<const Impl> impl_;
 };
 
 }  // namespace citylearn

@@ -40,7 +40,7 @@ struct Approach {
   int last;       ///< this frame
 };
 
-/// The nearest pair of each approach of the route to itself, nearest first.
+/// Returns the nearest pair of each approach of the route to itself, nearest first.
 std::vector<Pair> nearest_pairs(const RoutePoints& route, const CrossingOptions& options) {
   Grid grid(options.metres);
   std::vector<Grid::Near> near;

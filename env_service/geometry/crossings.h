@@ -5,7 +5,7 @@
 
 namespace citylearn {
 
-/// How places are joined where a route passes a spot again.
+/// Options for joining places where a route passes a spot again.
 struct CrossingOptions {
   double metres = 10;  ///< places at most so far apart can be joined
   int spacing = 5;     ///< frames: joined ones lie further apart along the route, and so do the joins of a road

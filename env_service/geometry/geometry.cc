@@ -10,8 +10,8 @@
 namespace citylearn {
 namespace {
 
-constexpr double kMaxLegs = 30, kLeastNoise = 10;  // metres: of two legs of a vehicle that stands; that these add
-constexpr std::size_t kLeastTurns = 6;
+constexpr double kMaxLegs = 30, kMinNoise = 10;  // metres: of two legs of a vehicle that stands; that these add
+constexpr std::size_t kMinTurns = 6;
 
 /// Forgets, of the points of a route, those that are the noise of a vehicle that stands.
 template <class Distance>
@@ -31,7 +31,7 @@ void forget_noise(std::vector<std::size_t>& points, double noise, Distance dista
   for (std::size_t first = 0, last = 0; first < turns.size(); first = last + 1) {
     last = first;
     while (last + 2 < turns.size() && along[turns[last + 2]] - along[turns[last]] < kMaxLegs) ++last;
-    if (++last - first + 1 < kLeastTurns || last == turns.size()) continue;
+    if (++last - first + 1 < kMinTurns || last == turns.size()) continue;
     const std::size_t begin = turns[first] - 1, end = turns[last];
     const double leg = (along[end] - along[turns[first]]) / static_cast<double>(last - first);
     std::vector<std::size_t> still;
@@ -43,7 +43,7 @@ void forget_noise(std::vector<std::size_t>& points, double noise, Distance dista
       } else {
         still.push_back(i);
       }
-    for (std::size_t i = 0; metres >= kLeastNoise && i < still.size(); ++i) kept[still[i]] = false;
+    for (std::size_t i = 0; metres >= kMinNoise && i < still.size(); ++i) kept[still[i]] = false;
   }
   std::erase_if(points, [&, i = std::size_t{0}](std::size_t) mutable { return !kept[i++]; });
 }

@@ -38,7 +38,7 @@ class Grid {
     int frame;
     double metres;
   };
-  /// Frames within `side`, by frame.
+  /// Finds the frames within `side`, by frame.
   void near(const Point& point, std::vector<Near>& found) const {
     found.clear();
     for (int around = 0; around < 27; ++around) {
@@ -55,7 +55,7 @@ class Grid {
   std::uint64_t cube(double at) const {
     return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(at / side_)));
   }
-  /// Different for cubes that are near each other.
+  /// Returns a number that differs for cubes near each other.
   static std::uint64_t key(std::uint64_t i, std::uint64_t j, std::uint64_t k) {
     return i * 0x9E3779B97F4A7C15 + j * 0xC2B2AE3D27D4EB4F + k * 0x165667B19E3779F9;
   }

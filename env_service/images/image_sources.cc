@@ -24,7 +24,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kEnds = 16 << 10;  // bytes looked at, at each end of a file
+constexpr std::size_t kSampledBytes = 16 << 10;  // bytes looked at, at each end of a file
 
 /// An open file, whose reads report what went wrong.
 class File {
@@ -124,7 +124,7 @@ class ImageFiles : public Images {
     file.read(0, file.size(), bytes);
     if (const auto reason = image_fault(bytes)) throw Error(*reason, path);
     const std::span<const std::byte> all(bytes);
-    const std::size_t head = std::min(all.size(), kEnds), tail = std::min(all.size() - head, kEnds);
+    const std::size_t head = std::min(all.size(), kSampledBytes), tail = std::min(all.size() - head, kSampledBytes);
     if (fingerprint_of(all.size(), all.first(head), all.last(tail)) != at(frame).fingerprint)
       throw Error("has changed since this traversal was opened", path, "restart what reads it");
     if (const auto turned = turned_.find(frame); turned != turned_.end()) turn_upright(bytes, turned->second, path);
@@ -157,12 +157,12 @@ class ImageFiles : public Images {
                           int& orientation) {
     try {
       const File file(path);
-      file.read(0, std::min(file.size(), kEnds), head);
-      const std::size_t rest = std::min(file.size() - head.size(), kEnds);
+      file.read(0, std::min(file.size(), kSampledBytes), head);
+      const std::size_t rest = std::min(file.size() - head.size(), kSampledBytes);
       file.read(file.size() - rest, rest, tail);
       fingerprint = fingerprint_of(file.size(), head, tail);
       if (file.size() > kMaxImageBytes) return "larger than " + std::to_string(kMaxImageBytes >> 20) + " MiB";
-      const std::size_t last = std::min(file.size(), kEnds);
+      const std::size_t last = std::min(file.size(), kSampledBytes);
       file.read(file.size() - last, last, tail);
       std::optional<std::string> reason = image_fault(head, tail);
       if (reason && file.size() > head.size()) {  // a JPEG's size may stand behind its thumbnails

@@ -12,8 +12,8 @@ struct View {
   int size = 224;      ///< pixels, width and height
 };
 
-/// The view as a pinhole camera without distortion sees it, level with the horizon. `panorama` spans 360 degrees by
-/// 180, 8-bit, 1 or 3 channels.
+/// Returns the view as a pinhole camera without distortion sees it, level with the horizon. `panorama` spans 360
+/// degrees by 180, 8-bit, 1 or 3 channels.
 cv::Mat crop_panorama(const cv::Mat& panorama, const View& view);
 
 }  // namespace citylearn

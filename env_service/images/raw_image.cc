@@ -20,8 +20,8 @@ struct Encoding {
   int channels;
   int to_bgr;  ///< OpenCV's code; -1: it is so already
 };
-/// Those of 8 bits. ROS names a mosaic by its first two rows, OpenCV by the second and third pixel of the second one:
-/// bayer_rggb8 is OpenCV's BayerBG.
+/// The encodings of 8 bits. ROS names a mosaic by its first two rows, OpenCV by the second and third pixel of the
+/// second one: bayer_rggb8 is OpenCV's BayerBG.
 const std::map<std::string, Encoding> kEncodings = {{"mono8", {1, -1}},
                                                     {"8UC1", {1, -1}},
                                                     {"bgr8", {3, -1}},

@@ -24,8 +24,8 @@ namespace citylearn {
 namespace {
 
 constexpr std::uint64_t kDecodingVersion = 2;  // part of fingerprints; raised when films give other pictures
-constexpr int kNearby = 48;                    // packets that are faster to read than to seek over
-constexpr int kTried = 16;                     // pictures that are decoded to see whether a film's index is right
+constexpr int kNearbyPackets = 48;             // packets that are faster to read than to seek over
+constexpr int kCheckedPictures = 16;           // pictures that are decoded to see whether a film's index is right
 constexpr int kMaxSearch = 1000;               // packets behind a seek among which a known key frame must be
 
 struct FreeLibav {
@@ -122,12 +122,12 @@ class VideoTrack {
   /// Goes to keys[which], or to the first packet when it is negative.
   void go_to(const std::vector<KeyFrame>& keys, int which) {
     const int packet = which < 0 ? 0 : keys[static_cast<std::size_t>(which)].packet;
-    if (next_ > packet || next_ + kNearby < packet) seek(keys, which);
+    if (next_ > packet || next_ + kNearbyPackets < packet) seek(keys, which);
     while (next_ < packet && read_packet()) continue;
     avcodec_flush_buffers(decoder_.get());
   }
 
-  /// Whether the container's clock may begin anywhere and anew: transport and program streams.
+  /// Returns whether the container's clock may begin anywhere and start anew, as in transport and program streams.
   bool restarts_clock() const { return format_->iformat->flags & AVFMT_TS_DISCONT; }
 
   /// Throws Error when fewer packets were read than the film should have.
@@ -341,7 +341,7 @@ class VideoFrames : public Images {
   bool try_numbers() {
     track_->rewind();
     int first = -1, next = 0;
-    while (next - first < kTried && track_->decode()) {
+    while (next - first < kCheckedPictures && track_->decode()) {
       const int frame = frame_of(track_->picture());
       if (frame < 0) continue;
       if (first < 0) first = next = frame;
@@ -404,7 +404,7 @@ class VideoFrames : public Images {
     return result;
   }
 
-  /// Returns the frame that a decoded picture is; -1 when it is none.
+  /// Returns the frame of a decoded picture; -1 when it is not a frame.
   int frame_of(const AVFrame& picture) const {
     const auto packet = static_cast<std::size_t>(picture.pts);
     return packet < frame_of_.size() ? frame_of_[packet] : -1;
@@ -423,7 +423,7 @@ class VideoFrames : public Images {
     const bool passed = before < 0 || keys_[static_cast<std::size_t>(before)].packet <= track_->next_packet();
     if ((frame == last_ + 1 || (last_ >= 0 && frame > last_ && passed)) && decode_until(frame)) return true;
     // A picture may refer to some before a key frame, and pictures behind one need not be whole at once.
-    for (int back = 0; back < kTried; back = 2 * back + 1) {
+    for (int back = 0; back < kCheckedPictures; back = 2 * back + 1) {
       const int begin = std::max(before - back, -1);
       track_->go_to(keys_, begin);
       intra_ = begin <= 0 || back > 1;
@@ -441,7 +441,7 @@ class VideoFrames : public Images {
       if (now < 0) continue;
       last_ = now;
       if (now == frame) return picture.decode_error_flags == 0;
-      if (now > frame + kTried) break;
+      if (now > frame + kCheckedPictures) break;
     }
     return false;
   }

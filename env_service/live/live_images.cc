@@ -8,7 +8,7 @@ namespace citylearn {
 
 int LiveImages::add(const Bytes& file) {
   live_.push_back(file);
-  if (live_.size() > kKept) {
+  if (live_.size() > kMaxPictures) {
     live_.pop_front();
     ++dropped_;
   }

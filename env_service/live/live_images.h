@@ -31,7 +31,7 @@ class LiveImages : public DerivedImages {
   std::string fault(int frame) const override { return is_live(frame) ? "" : DerivedImages::fault(frame); }
 
  private:
-  static constexpr std::size_t kKept = 256;  // pictures
+  static constexpr std::size_t kMaxPictures = 256;  // pictures
 
   bool is_live(int frame) const { return frame >= images_->frames(); }
 

@@ -20,12 +20,12 @@ using Twist = geometry_msgs::msg::dds_::Twist_;
 using Command = std_msgs::msg::dds_::UInt8_;
 using Status = std_msgs::msg::dds_::String_;
 
-constexpr milliseconds kCommandAgain{50};  // robots stop by themselves when commands cease
-constexpr milliseconds kGlance{5};         // between looks at what has come, while something is awaited
-constexpr milliseconds kRest{100};         // likewise, while nothing is
-constexpr std::chrono::seconds kTrouble{3};
-constexpr std::chrono::seconds kStatusAgain{1};
-constexpr double kFar = 10;  // times the distance between places
+constexpr milliseconds kCommandInterval{50};  // robots stop by themselves when commands cease
+constexpr milliseconds kPollInterval{5};      // between looks at what has come, while something is awaited
+constexpr milliseconds kIdleInterval{100};    // likewise, while nothing is
+constexpr std::chrono::seconds kTroubleDelay{3};
+constexpr std::chrono::seconds kStatusInterval{1};
+constexpr double kMaxPlacesAway = 10;  // times the distance between places
 
 RobotOptions named(RobotOptions options) {
   if (options.topics.position.empty())
@@ -81,7 +81,7 @@ Robot::~Robot() {
 
 void Robot::command(double speed) {
   speed_ = speed;
-  next_command_ = Clock::now() + kCommandAgain;
+  next_command_ = Clock::now() + kCommandInterval;
   Twist twist;
   twist.linear().x(speed);
   ros_.publish(options_.cmd_vel, twist);
@@ -117,7 +117,7 @@ void Robot::stop() {
   command(0);
 }
 
-/// From now on it stands. What was taken `settle` nanoseconds after the last message of each kind shows that place.
+/// Begins to wait for a picture and a position, each at least `settle` nanoseconds newer than the last one.
 void Robot::begin_to_look(Clock::time_point now, std::uint64_t settle) {
   senses_.poll();
   doing_ = Doing::kLooking;
@@ -132,11 +132,11 @@ std::optional<Sighting> Robot::poll(Clock::time_point now) {
     spdlog::error("{}", fault);
     if (goals_ && fault.starts_with("topic rt" + goals_->name() + ":")) refuse_goal("it is of another type");
   }
-  if (!status_.empty() && now >= next_status_) tell(status_);
+  if (!status_.empty() && now >= next_status_) publish_status(status_);
   if (doing_ == Doing::kDriving && now >= until_) look();
   if (doing_ == Doing::kLooking && has_picture() && has_position()) {
     const auto [place, metres] = nearest_place(*senses_.position());
-    if (metres <= kFar * spacing_) {
+    if (metres <= kMaxPlacesAway * spacing_) {
       off_route_ = 0;
       doing_ = Doing::kNothing;
       return Sighting{place, images_.add(senses_.picture()->file)};
@@ -144,12 +144,12 @@ std::optional<Sighting> Robot::poll(Clock::time_point now) {
     if (off_route_ == 0) off_route_ = metres;  // an alarm that does not change with each message
   }
   if (doing_ != Doing::kNothing && now >= next_command_) command(speed_);  // one may be lost
-  due_ = now + (doing_ == Doing::kNothing ? kRest : kGlance);
+  due_ = now + (doing_ == Doing::kNothing ? kIdleInterval : kPollInterval);
   if (doing_ == Doing::kDriving) due_ = std::min({due_, until_, next_command_});
   return std::nullopt;
 }
 
-/// Returns the nearest place and how many metres away it is.
+/// Returns the nearest place and its distance in metres.
 std::pair<int, double> Robot::nearest_place(const PositionTopic::Position& position) const {
   std::pair<int, double> nearest = {0, std::numeric_limits<double>::infinity()};
   for (std::size_t place = 0; place < x_.size(); ++place) {
@@ -167,7 +167,7 @@ std::vector<int> Robot::take_goals() {
     if (!goal.frame.empty() && !senses_.frame().empty() && goal.frame != senses_.frame())
       return refuse_goal("it is in frame '" + goal.frame + "', the robot's position in '" + senses_.frame() + "'");
     const auto [place, metres] = nearest_place(goal);
-    if (metres > kFar * spacing_)
+    if (metres > kMaxPlacesAway * spacing_)
       return refuse_goal(fmt::format("it is {:.0f} m from the nearest place that was taught", metres));
     places.push_back(place);
   });
@@ -176,26 +176,26 @@ std::vector<int> Robot::take_goals() {
 
 void Robot::refuse_goal(const std::string& why) {
   spdlog::warn("a goal on {} is refused: {}", goals_->name(), why);
-  tell_once("refused");
+  publish_status_once("refused");
 }
 
-void Robot::tell_once(const std::string& status) {
+void Robot::publish_status_once(const std::string& status) {
   const std::string before = status_;
-  tell(status);
+  publish_status(status);
   status_ = before;
 }
 
-void Robot::tell(const std::string& status) {
+void Robot::publish_status(const std::string& status) {
   if (status != status_) spdlog::info("robot: {}", status);
   status_ = status;
-  next_status_ = Clock::now() + kStatusAgain;
+  next_status_ = Clock::now() + kStatusInterval;
   Status message;
   message.data(status);
   ros_.publish(options_.status, message);
 }
 
 std::string Robot::trouble(Clock::time_point now) const {
-  if (doing_ != Doing::kLooking || now < looking_ + kTrouble) return "";
+  if (doing_ != Doing::kLooking || now < looking_ + kTroubleDelay) return "";
   if (!has_picture()) return senses_.why_no_picture(false);
   if (!has_position()) return senses_.why_no_position(false);
   return fmt::format("it stands {:.0f} m from the nearest place that it was taught", off_route_);

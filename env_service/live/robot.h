@@ -39,20 +39,19 @@ class Robot {
 
   /// Does what is due. Returns what it saw, once for each look.
   std::optional<Sighting> poll(Clock::time_point now);
-  /// When poll() is to be called again.
+  /// Returns when poll() is to be called again.
   Clock::time_point due() const { return due_; }
-  /// Returns whether somebody sends it to goals.
-  bool hears_goals() const { return goals_.has_value(); }
+  /// Returns whether it subscribes to a topic of goals.
+  bool has_goal_topic() const { return goals_.has_value(); }
   /// Returns the places to which it was sent since the last call. A goal that is not on the route is refused.
   std::vector<int> take_goals();
-  /// Tells those who sent it that this cannot be, and logs it.
+  /// Publishes that the goal is refused, and logs why.
   void refuse_goal(const std::string& why);
-  /// Tells something once; the status is then as it was.
-  void tell_once(const std::string& status);
-  /// Tells those who send it what becomes of their goal, now and once a second.
-  void tell(const std::string& status);
-  /// Says what it has been waiting for, for longer than three seconds: "nobody publishes /camera/image_raw"; else
-  /// empty.
+  /// Publishes a status once; the status is then as it was.
+  void publish_status_once(const std::string& status);
+  /// Publishes what becomes of the goal, now and once a second.
+  void publish_status(const std::string& status);
+  /// Returns what it has been waiting for, for more than three seconds: "nobody publishes /camera/image_raw"; else "".
   std::string trouble(Clock::time_point now) const;
   const RobotSenses& senses() const { return senses_; }
 

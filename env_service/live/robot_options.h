@@ -11,21 +11,21 @@ class App;
 
 namespace citylearn {
 
-/// What says where a robot is.
+/// The kind of topic that gives a robot's position.
 enum class PositionSource {
   kOdometry,  ///< nav_msgs/Odometry: x and y, metres
   kPose,      ///< geometry_msgs/PoseStamped: likewise
   kFix,       ///< sensor_msgs/NavSatFix: degrees (WGS 84)
 };
 
-/// What a robot tells of itself, as topics of ROS 2.
+/// The topics of ROS 2 on which a robot publishes its pictures and positions.
 struct RobotTopics {
   std::string camera;    ///< --camera: sensor_msgs/CompressedImage where the name ends in /compressed, else Image
   std::string position;  ///< --position; empty: nothing says where it is
   PositionSource source = PositionSource::kOdometry;  ///< --position-type
 };
 
-/// How a robot is driven along a route that it was taught.
+/// Options for driving a robot along a route that it was taught.
 struct RobotOptions {
   MiddlewareOptions ros = ros2_defaults();
   RobotTopics topics;

@@ -15,7 +15,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kLatest = 5 * kRos2Second;  // what is older than that has another clock
+constexpr std::uint64_t kMaxStampAge = 5 * kRos2Second;  // what is older than that has another clock
 
 RobotTopics named(const RobotTopics& topics) {
   RobotTopics result = topics;
@@ -105,7 +105,7 @@ void RobotSenses::take_picture(const Image& image) {
 }
 
 bool RobotSenses::follows(std::uint64_t stamp, std::uint64_t before) {
-  return stamp > before || before - stamp > kLatest;
+  return stamp > before || before - stamp > kMaxStampAge;
 }
 
 std::string RobotSenses::why_no_picture(bool counted) const {

@@ -51,7 +51,7 @@ class RobotSenses {
   /// Returns whether what has this stamp was taken after what has the other one. One that is several seconds older is
   /// of a robot whose clock was set back.
   static bool follows(std::uint64_t stamp, std::uint64_t before);
-  /// The newest of each; empty: none came yet.
+  /// Return the newest of each, or nothing while none came.
   const std::optional<Picture>& picture() const { return picture_; }
   const std::optional<PositionTopic::Position>& position() const { return position_; }
   /// Returns how many publishers the camera's topic has.

@@ -3,8 +3,8 @@
 
 namespace citylearn {
 
-/// Where a robot stands, as the nearest of the places taught, and the frame that it sees. Both are indices on the
-/// traversal; the frame may lie beyond the frames taught.
+/// A robot's position, as the nearest of the places taught, and the frame that it sees. Both are indices on the
+/// traversal. The frame may lie beyond the frames taught.
 struct Sighting {
   int place = 0, frame = 0;
 };

@@ -19,7 +19,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostLearners = 256;  // remembered
+constexpr std::size_t kMaxLearners = 256;  // remembered
 
 /// Returns an id that no other actor of the run has, on any host.
 std::string own_id() {
@@ -150,7 +150,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   // Trajectories for another incarnation are of no use to this one, which may continue from an older checkpoint.
   release_all();
   if (session_) {
-    if (acknowledged_.size() >= kMostLearners) acknowledged_.clear();
+    if (acknowledged_.size() >= kMaxLearners) acknowledged_.clear();
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
   }
   session_ = std::make_unique<LearnerSession>(node_, info, workers_);
@@ -368,7 +368,7 @@ void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledge
 // The loop.
 
 void Actor::spin() {
-  client_.spin(Clock::now() + kStopCheck);
+  client_.spin(Clock::now() + kStopCheckInterval);
   while (node_.take(info_)) on_info(info_);
   while (node_.take(assignment_)) on_assignment(assignment_);
   while (node_.take(chunk_)) on_parameters(chunk_);
@@ -443,9 +443,9 @@ void Actor::report() {
 /// Tells the learner that nothing is served any more, unless it is gone.
 void Actor::leave() {
   send_status();
-  const Clock::time_point deadline = Clock::now() + kLeaving;
+  const Clock::time_point deadline = Clock::now() + kLastStatusTimeout;
   while (!answered_ && Clock::now() < deadline) {
-    client_.spin(std::min(deadline, Clock::now() + kStopCheck));
+    client_.spin(std::min(deadline, Clock::now() + kStopCheckInterval));
     while (node_.take(info_)) continue;
     while (node_.take(assignment_)) continue;
     while (node_.take(chunk_)) continue;
@@ -470,7 +470,7 @@ int Actor::execute() {
       spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room",
                    session_->info().header().sender().c_str(), session_->outbox.last(), waited_);
     }
-    if (Clock::now() < ended + kEndContested) continue;
+    if (Clock::now() < ended + kEndContestTimeout) continue;
     learner_.leave();
     if (options_.stay) continue;
     leave();

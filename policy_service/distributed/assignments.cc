@@ -14,7 +14,7 @@ constexpr auto kByLoad = [](const auto& a, const auto& b) { return a.second < b.
 
 }  // namespace
 
-/// Brings given_ up to date with who is there and what the actors say.
+/// Updates given_ from the actors that are alive and what they say.
 void Assignments::follow(const std::vector<Env>& envs, const std::vector<Actor>& actors) {
   std::map<std::uint64_t, const Env*> present;
   for (const Env& env : envs) present[env.incarnation] = &env;

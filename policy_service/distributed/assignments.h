@@ -19,14 +19,14 @@ class Assignments {
   struct Env {
     std::string id;
     std::uint64_t incarnation = 0;
-    bool busy = false;  ///< it receives actions; from one of these actors or from somebody else
+    bool busy = false;  ///< it receives actions, from one of these actors or from another service
   };
   /// An actor that is alive.
   struct Actor {
     std::string id;
     std::set<std::uint64_t> serves;  ///< incarnations of env_services, as it last said
   };
-  /// What an actor is to be told: to serve an env_service, or to release it.
+  /// An order to an actor: to serve an env_service, or to release it.
   struct Order {
     std::string actor;
     std::string env;

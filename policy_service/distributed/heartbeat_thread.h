@@ -21,22 +21,22 @@ class HeartbeatThread {
   template <class Work>
   auto run(Work work) {
     if (Machine::simulated()) return work();  // which takes no time there
-    const Lent lent(*this);
+    const NodeLease lease(*this);
     return work();
   }
 
  private:
   /// Lends the node to the heartbeat thread.
-  class Lent {
+  class NodeLease {
    public:
-    explicit Lent(HeartbeatThread& heart) : heartbeat_(heart) {
+    explicit NodeLease(HeartbeatThread& heart) : heartbeat_(heart) {
       {
         const std::lock_guard lock(heartbeat_.mutex_);
         heartbeat_.lent_ = true;
       }
       heartbeat_.wake_.notify_one();
     }
-    ~Lent() {
+    ~NodeLease() {
       const std::lock_guard lock(heartbeat_.mutex_);  // waits for a heartbeat in progress
       heartbeat_.lent_ = false;
     }

@@ -12,7 +12,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostVersions = 4;
+constexpr std::size_t kMaxVersions = 4;
 
 TrajectoryShape shape_of(const msg::LearnerInfo& info, int state_size) {
   const TrajectoryShape shape{static_cast<int>(info.steps()), static_cast<int>(info.feature_dimension()), state_size,
@@ -109,9 +109,9 @@ void LearnerServer::assign() {
   std::vector<Assignments::Actor> actors;
   for (const auto& [id, actor] : actors_)
     if (actor.present && actor.available) actors.push_back({id, actor.serves});
-  std::erase_if(told_, [&](const auto& entry) { return now - entry.second >= kAssignmentResend; });
+  std::erase_if(last_order_sent_, [&](const auto& entry) { return now - entry.second >= kAssignmentResend; });
   for (const Assignments::Order& order : assignments_.divide(envs, actors)) {
-    if (!told_.try_emplace({order.actor, order.env, order.serve}, now).second) continue;
+    if (!last_order_sent_.try_emplace({order.actor, order.env, order.serve}, now).second) continue;
     assignment_.actor() = order.actor.c_str();
     assignment_.actor_incarnation() = actors_.at(order.actor).presence.incarnation();
     assignment_.environment() = order.env.c_str();
@@ -226,7 +226,7 @@ void LearnerServer::send_info() {
 void LearnerServer::send_parameters() {
   const Clock::time_point now = Clock::now();
   std::erase_if(versions_, [&](const auto& entry) { return now - entry.second.asked > kOldParameters; });
-  while (versions_.size() >= kMostVersions) versions_.erase(std::prev(versions_.end()));
+  while (versions_.size() >= kMaxVersions) versions_.erase(std::prev(versions_.end()));
   const auto& newest =
       versions_.try_emplace(version(), Version{{version(), trainer_.network_parameters()}, {}}).first->second;
   send_info();

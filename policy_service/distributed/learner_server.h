@@ -85,7 +85,7 @@ class LearnerServer {
   msg::LearnerInfo info_;
   Assignments assignments_;
   std::map<std::tuple<std::string, std::string, bool>, Clock::time_point>
-      told_;  ///< actor, env_service, serve: last time
+      last_order_sent_;  ///< actor, env_service, serve: last time
   Clock::time_point next_info_{}, next_assignments_;
   std::map<std::string, Actor> actors_;
   Rejections rejections_;

@@ -18,7 +18,7 @@ std::uint64_t hash_of(const float* values, std::size_t count) {
   return number;
 }
 
-/// Whether all the floats of a chunk are. None lies in two chunks.
+/// Returns whether all floats of a chunk are finite. No float lies in two chunks.
 bool finite(const std::vector<std::uint8_t>& bytes) {
   static_assert(msg::MAX_CHUNK % sizeof(float) == 0);
   bool all = true;

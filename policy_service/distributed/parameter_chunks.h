@@ -22,7 +22,7 @@ class ParameterChunks {
   std::uint64_t total_bytes() const { return values_.size() * sizeof(float); }
   std::uint64_t hash() const { return hash_; }
   std::uint32_t chunks() const;
-  /// All fields but header and agent.
+  /// Fills all fields but header and agent.
   void fill(std::uint32_t chunk, msg::PolicyParameters& message) const;
 
  private:
@@ -43,18 +43,18 @@ class ParameterAssembly {
  public:
   explicit ParameterAssembly(std::ptrdiff_t parameters) : parameters_(parameters) {}
 
-  /// There is such a version. False when it is not of this network.
+  /// Notes that this version exists. Returns false when it is not of this network.
   bool expect(std::uint64_t version, std::uint64_t total_bytes, std::uint64_t hash, std::uint32_t chunks);
-  /// False when it does not fit. What is known already changes nothing.
+  /// Returns false when it does not fit. A chunk that is known already changes nothing.
   bool take(const msg::PolicyParameters& chunk);
-  /// The newest complete version; empty before the first.
+  /// Returns the newest complete version, null before the first.
   std::shared_ptr<const VersionedParameters> newest() const { return newest_; }
 
   struct Missing {
     std::uint64_t version;
     std::vector<std::uint32_t> chunks;  ///< at most MAX_PARTS_ASKED
   };
-  /// What to ask for.
+  /// Returns the chunks to request.
   std::optional<Missing> missing() const;
   /// Gives up the version asked for: the learner has forgotten it.
   void give_up();

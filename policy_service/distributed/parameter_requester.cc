@@ -6,7 +6,7 @@
 namespace citylearn {
 namespace {
 
-constexpr int kMostInVain = 20;  // then the version is given up
+constexpr int kMaxUnansweredRequests = 20;  // in a row, after which the version is given up
 
 }  // namespace
 
@@ -22,8 +22,8 @@ void ParameterRequester::request_missing(ParameterAssembly& parameters) {
   const bool more = known && missing->chunks.front() > asked_->chunks.back();
   const bool late = !known && !parameters.newest();
   if (now < next_ && !more && !late) return;
-  in_vain_ = known && missing->chunks == asked_->chunks ? in_vain_ + 1 : 0;
-  if (in_vain_ > kMostInVain) {
+  unanswered_ = known && missing->chunks == asked_->chunks ? unanswered_ + 1 : 0;
+  if (unanswered_ > kMaxUnansweredRequests) {
     parameters.give_up();
     asked_.reset();
     return;

@@ -21,7 +21,7 @@ class ParameterRequester {
   msg::ParametersRequest request_;
   std::optional<ParameterAssembly::Missing> asked_;
   Clock::time_point next_{};
-  int in_vain_ = 0;  ///< requests in a row of which nothing arrived
+  int unanswered_ = 0;  ///< requests in a row of which nothing arrived
 };
 
 }  // namespace citylearn

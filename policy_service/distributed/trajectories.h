@@ -16,7 +16,7 @@
 
 namespace citylearn {
 
-/// What every Trajectory of a run must be like.
+/// The shape that every Trajectory of a run must have.
 struct TrajectoryShape {
   int steps = 0;       ///< L
   int features = 0;    ///< D
@@ -27,8 +27,7 @@ struct TrajectoryShape {
   void require_fits() const;
 };
 
-/// Copies what `agent` saw and did in a rollout of one sequence (T = L) into all fields from `state` on, and the
-/// dimension.
+/// Copies the data of `agent` in a rollout of one sequence (T = L) into the dimension and all fields from `state` on.
 void pack(const Rollout& rollout, int agent, msg::Trajectory& trajectory);
 
 /// Queues the actors' trajectories for a learner: each exactly once, in the order of its actor, at most `capacity` at a
@@ -37,8 +36,7 @@ class TrajectoryQueue {
  public:
   TrajectoryQueue(const TrajectoryShape& shape, int capacity);
 
-  /// Notes which process an actor is; until then it is the first that sends a trajectory. Another one counts from 1
-  /// again.
+  /// Notes which process an actor is; until then, the first that sends a trajectory. Another one numbers from 1 again.
   void register_actor(const std::string& actor, std::uint64_t incarnation);
   /// Divides the room among so many actors.
   void share_among(int actors) { actors_ = actors; }
@@ -56,8 +54,7 @@ class TrajectoryQueue {
   /// Drops trajectories of another lesson, or of parameters more than `max_lag` updates old (0 = none is too old).
   /// Returns whether `count` are left.
   bool ready(int count, std::uint64_t version, std::uint32_t lesson, std::uint64_t max_lag);
-  /// Moves the `count` oldest into a rollout of one sequence; `places` are in use in the present lesson. Returns their
-  /// mean lag.
+  /// Moves the `count` oldest into a rollout of one sequence. The present lesson has `places`. Returns their mean lag.
   double assemble(int count, std::uint64_t version, int places, Rollout& rollout);
   /// Returns the episodes that ended in the trajectories taken since the last call.
   std::vector<FinishedEpisode> finished();

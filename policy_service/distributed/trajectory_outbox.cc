@@ -11,7 +11,7 @@ void TrajectoryOutbox::begin(const std::string& learner, std::uint64_t acknowled
   log_ = LogSender({.resend_window = 16, .send_window = 0, .credit_window = 48}, {learner}, acknowledged + 1);
 }
 
-/// Its capacity is the room that the learner gives.
+/// Updates the queue's metrics. Its capacity is the room that the learner gives.
 void TrajectoryOutbox::show_queue() {
   const std::uint64_t acknowledged = log_.acknowledged();
   node_.metrics().set_queue("trajectories", waiting_.size(), std::max(log_.limit(), acknowledged) - acknowledged);

@@ -22,7 +22,7 @@ class TrajectoryOutbox {
   msg::Trajectory& add();
   /// Sends what there is room for, and the first ones again when it is time to.
   void send_due();
-  /// Reads all of the acknowledgement but whom it is for.
+  /// Reads all fields of the acknowledgement but its receiver.
   LogSender::Acknowledged acknowledge(const msg::TrajectoryAcknowledgement& acknowledgement);
 
   std::uint64_t last() const { return log_.last(); }  ///< number of the last trajectory

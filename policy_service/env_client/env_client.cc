@@ -12,8 +12,8 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMostAlarms = 8;
-constexpr int kMostInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
+constexpr std::size_t kMaxAlarms = 8;
+constexpr int kMaxInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
 
 Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
   return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
@@ -72,7 +72,7 @@ bool by_reference(Observing observing, const msg::TraversalInfo& info) {
                 "", "ask for observations by reference");
   if (is_live(info)) return false;
   if (observing == Observing::kByReference) return numbers > 0;
-  return observing == Observing::kAsFits && (info.images() || numbers * sizeof(float) > kLargestWhole);
+  return observing == Observing::kAsFits && (info.images() || numbers * sizeof(float) > kMaxWholeBytes);
 }
 
 }  // namespace
@@ -90,12 +90,12 @@ EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
   node_.create_reader<msg::EpisodeStat>();
 }
 
-/// What this process has not recorded is kept for the next one, which need not wait until this one counts as silent.
+/// Tells env_services that this process stops, so that the next one need not wait until it counts as silent.
 EnvClient::~EnvClient() {
   if (!records_) return;
   try {
     for (const auto& [id, env] : envs_) send_acknowledgement(*env, msg::STOPS);
-  } catch (const Error&) {  // then it has to wait
+  } catch (const Error&) {  // then the next process has to wait
   }
 }
 
@@ -107,7 +107,7 @@ void EnvClient::attach(const std::string& id) {
 
 void EnvClient::detach(const std::string& id) {
   attached_.erase(id);
-  node_.let_go(id);
+  node_.release_topics(id);
 }
 
 EnvHandle* EnvClient::known(const msg::Header& header) {
@@ -117,7 +117,7 @@ EnvHandle* EnvClient::known(const msg::Header& header) {
   return found->second.get();
 }
 
-/// As known(), for messages that only the process sends that announced itself.
+/// Works as known(), for messages that only the process that announced itself sends.
 EnvHandle* EnvClient::speaking(const msg::Header& header) {
   if (EnvHandle* env = known(header)) return env;
   const auto found = envs_.find(header.sender().c_str());
@@ -141,7 +141,7 @@ void EnvClient::spin(Clock::time_point deadline) {
   ask_for_features();
   send_due_settings();
   // Settings and requests are re-sent by this loop, so it never sleeps past their time.
-  node_.wait(std::min(deadline, Clock::now() + kStopCheck));
+  node_.wait(std::min(deadline, Clock::now() + kStopCheckInterval));
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
   while (node_.take(chunk_))
@@ -201,7 +201,7 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     return;
   }
   const bool forged = obeys_forged_settings(env, info);
-  // One without settings that had some was told to begin anew by nobody that we know.
+  // An env_service that lost its settings was reset by a service that is not known here.
   const bool commanded = env.settings.settings().version() != 0;
   const bool begins_anew = fresh || (commanded && (forged || (env.in_force && info.settings().version() == 0)));
   env.info = info;
@@ -219,12 +219,11 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
   join_or_refuse(env, begins_anew);
 }
 
-/// Returns whether an env_service obeys settings in this service's name that it did not give. The next ones will be
-/// newer.
+/// Returns whether an env_service obeys forged settings in this service's name. The next settings will be newer.
 bool EnvClient::obeys_forged_settings(EnvHandle& env, const msg::TraversalInfo& info) {
   const msg::SettingsId& id = info.settings();
   if (id.incarnation() != node_.incarnation() || id.version() <= env.given) return false;
-  if (id.version() - env.given > kMostVersionsAhead) return false;  // an env_service would not have taken them
+  if (id.version() - env.given > kMaxVersionsAhead) return false;  // an env_service would not have taken them
   rejections_.add(info.header(), "settings in force that another participant gave in this service's name");
   version_ = std::max<std::uint32_t>(version_, id.version());
   env.given = id.version();
@@ -304,7 +303,7 @@ void EnvClient::report_refusals() {
       trouble =
           "waits: encoder_service '" + env->info.encoder_service().to_string() + "', which encodes for it, is silent";
     if (trouble.empty() ? alarms_.erase(id) > 0
-                        : alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second))
+                        : alarms_.contains(id) || (alarms_.size() < kMaxAlarms && alarms_.insert(id).second))
       node_.alarm("env_service '" + id + "'", trouble);
   }
 }
@@ -369,7 +368,7 @@ void EnvClient::on_observation(msg::Observation& observation) {
 
 void EnvClient::on_invalid(EnvHandle& env, const msg::Header& header, const std::string& wrong) {
   rejections_.add(header, "an observation " + wrong);
-  if (++env.invalid >= kMostInvalid) refuse(env, "sends observations " + wrong);
+  if (++env.invalid >= kMaxInvalid) refuse(env, "sends observations " + wrong);
 }
 
 void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) {

@@ -19,8 +19,8 @@
 namespace citylearn {
 
 /// Finds the env_services of a run, commands their tasks and answers each of their observations exactly once, over a
-/// transport that may lose, repeat and reorder messages. One that does not fit the run or do its part is refused, which
-/// is an alarm and concerns it alone. Used by one thread; handles stay at their addresses.
+/// transport that may lose, repeat and reorder messages. An env_service that does not fit the run, or does not do its
+/// part, is refused with an alarm; the others go on. Used by one thread; handles stay at their addresses.
 class EnvClient {
  public:
   /// Called for each new observation while the settings are in force. Fills `choice` and returns true, or returns false
@@ -36,14 +36,14 @@ class EnvClient {
   Decide decide;
   Finished finished;
   Joined joined;
-  std::function<void()> fetching;  ///< called while fetch_features() waits, which ends with what it throws
+  std::function<void()> fetching;  ///< called while fetch_features() waits; what it throws ends the wait
 
   /// Handles all messages that have arrived, re-sends what is due, then waits for more until `deadline` at most. An
   /// Error of decide() or joined() makes it refuse the env_service that they were called for.
   void spin(Clock::time_point deadline);
 
-  /// Refuses the env_services that do not meet these, now and whenever they announce themselves. Where two of a
-  /// traversal differ, the one that joined later is refused in any case.
+  /// Refuses the env_services that do not meet these, now and whenever they announce themselves. Where two env_services
+  /// of one traversal differ, the one that joined later is refused.
   void require(EnvRequirements required);
   /// Goes on without an env_service, until it restarts.
   void refuse(EnvHandle& env, const std::string& why);
@@ -52,27 +52,27 @@ class EnvClient {
   /// reference wait for the features of their route; other env_services do not. A refused env_service receives nothing
   /// but the command to be idle.
   void command(EnvHandle& env, msg::TaskSettings settings);
-  /// Answers the observation that waits.
+  /// Sends the actions for the observation that waits.
   void answer(EnvHandle& env, const std::vector<std::uint8_t>& choice);
   void acknowledge(EnvHandle& env, std::uint64_t episode);
-  /// From now on every env_service keeps its episodes until acknowledge(), beginning with all that it still has.
+  /// Makes every env_service keep its episodes until acknowledge(), beginning with all that it still has.
   void begin_recording();
-  /// Releases the env_services from keeping episodes for this process.
+  /// Lets env_services stop keeping episodes for this process.
   void end_recording();
 
   /// Returns the id of the living policy_service that the env_service works for instead of this one; empty: of none.
   std::string other_policy(const EnvHandle& env) const;
   /// Chooses what to receive; both unless set otherwise.
   void subscribe(bool observations, bool episodes);
-  /// With attached_only: begins to hear an env_service, or lets it go.
+  /// Begin and end listening to an env_service, with attached_only.
   void attach(const std::string& id);
   void detach(const std::string& id);
 
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
   const EncoderMonitor& encoders() const { return encoders_; }
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
-  /// the wire. Throws Error when none of them arrives for `patience`, and then refuses the env_service unless its
-  /// encoder_service is gone; when the env_service is gone; also when the range does not lie on the traversal.
+  /// the wire. Throws Error when none arrives for `patience` (and refuses the env_service unless its encoder_service is
+  /// gone), when the env_service is gone, or when the range does not lie on the traversal.
   std::vector<float> fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience);
 
  private:
@@ -99,7 +99,7 @@ class EnvClient {
   EnvClientOptions options_;
   Rejections rejections_;
   EnvRequirements required_;
-  std::set<std::string> alarms_, attached_;  ///< ids of env_services: whose trouble is reported; of attach()
+  std::set<std::string> alarms_, attached_;  ///< ids of env_services: with a reported alarm; given to attach()
   FeatureCache features_;
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
   std::map<std::string, EnvHandle*> first_;  ///< by traversal: its env_service that the others must agree with

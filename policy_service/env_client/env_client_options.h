@@ -9,12 +9,12 @@
 namespace citylearn {
 
 /// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
-inline constexpr std::size_t kLargestWhole = 60'000;
+inline constexpr std::size_t kMaxWholeBytes = 60'000;
 
-/// How env_services send what their agents see. Policies receive the same numbers either way.
+/// The ways in which env_services send what their agents see. Policies receive the same numbers either way.
 enum class Observing {
   kAsFits,       ///< by reference where an encoder_service made the features, so that observations need not pass by
-                 ///< it, and where an observation with its features exceeds kLargestWhole
+                 ///< it, and where an observation with its features exceeds kMaxWholeBytes
   kWhole,        ///< with features
   kByReference,  ///< frames by name; their features are fetched once, before
 };
@@ -23,7 +23,7 @@ struct EnvClientOptions {
   Observing observing = Observing::kAsFits;
   /// Hears the env_services of attach() alone, instead of all.
   bool attached_only = false;
-  /// How long a running service may fail to deliver features or to confirm settings before its env_service is refused.
+  /// Time for a running service to deliver features or confirm settings, after which its env_service is refused.
   std::chrono::milliseconds patience = kCommandGiveUp;
 };
 

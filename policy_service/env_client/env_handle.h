@@ -26,8 +26,7 @@ struct EnvHandle {
   Incumbent presence;                 ///< which process it is, and when its last message arrived
   msg::Action last_action;            ///< sent again when the observation it answers is repeated
   Clock::time_point next_settings{};  ///< when the settings are sent again, while not in force
-  /// Features of the route, when `settings` ask for observations by reference. The settings are sent once these are
-  /// complete.
+  /// Features of the route, for observations by reference. The settings are sent once these are complete.
   std::shared_ptr<RouteFeatures> features;
   std::uint64_t obeys = 0;          ///< incarnation of the policy_service whose settings are in force; 0: none are
   Clock::time_point commanded{};    ///< when `settings` were given

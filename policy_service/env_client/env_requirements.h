@@ -11,7 +11,7 @@
 
 namespace citylearn {
 
-/// What the env_services of one traversal must have in common, so that an agent sees the same on all of them.
+/// The contents that the env_services of one traversal must share, so that an agent sees the same on all of them.
 struct TraversalContents {
   std::string traversal;
   std::uint64_t hash = 0;
@@ -23,7 +23,7 @@ struct TraversalContents {
 
 TraversalContents contents_of(const msg::TraversalInfo& info);
 
-/// What a run needs of the env_services that it uses.
+/// Requirements of a run for the env_services that it uses.
 struct EnvRequirements {
   std::set<std::string> traversals;                ///< that the run uses; empty: all
   std::uint32_t first_frame = 0, frames = 0;       ///< the route; 0 frames: any

@@ -21,9 +21,9 @@ class PolicyMonitor {
       return;
     }
     const Clock::time_point now = Clock::now();
-    if (policies_.size() >= kMost)
+    if (policies_.size() >= kMaxPolicies)
       std::erase_if(policies_, [now](const auto& entry) { return !entry.second.presence.here(now); });
-    if (policies_.size() < kMost || policies_.contains(incarnation))
+    if (policies_.size() < kMaxPolicies || policies_.contains(incarnation))
       policies_[incarnation] = {status.header().sender().c_str(), Presence(now)};
   }
   /// Returns the id of this process of a policy_service; empty unless it is alive.
@@ -33,7 +33,7 @@ class PolicyMonitor {
   }
 
  private:
-  static constexpr std::size_t kMost = 256;
+  static constexpr std::size_t kMaxPolicies = 256;
   struct Policy {
     std::string id;
     Presence presence;

@@ -25,10 +25,10 @@ class AgentGraph : public OnnxGraph {
   /// batch x state_size, zeros where an episode begins: already wiped by the input `first`.
   OnnxValue state();
   OnnxValue first();  ///< batch x 1, 1 = first observation of an episode
-  /// A linear layer by the names of its tensors.
+  /// Adds a linear layer by the names of its tensors.
   OnnxValue layer(const OnnxValue& x, const std::string& weight, const std::string& bias);
   OnnxValue layer(const OnnxValue& x, const std::string& weight);
-  /// The network's tensor of that name. Throws Error when it has none: the exporter is of another version.
+  /// Returns the network's tensor of that name. Throws Error when it has none: the exporter is of another version.
   Eigen::Map<const Matrix<float>> tensor(const std::string& name) const;
   const TrainedAgent& agent() const { return agent_; }
 
@@ -46,7 +46,7 @@ class AgentGraph : public OnnxGraph {
 /// Registration and stands in interchange.cmake. They get the network's own parameters.
 using AgentGraphRegistry = Registry<AgentGraph, const TrainedAgent&>;
 
-/// The model of an agent that was built with these parameters. Throws Error when its network has no exporter.
+/// Returns the model of an agent that was built with these parameters. Throws Error when its network has no exporter.
 std::unique_ptr<AgentGraph> export_graph(const TrainedAgent& agent, const Parameters& parameters);
 
 }  // namespace citylearn

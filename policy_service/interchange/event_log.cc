@@ -72,7 +72,7 @@ std::optional<std::uint64_t> step_of(std::string_view event) {
   return step;
 }
 
-/// Bytes up to the first record that is past `steps`, damaged or cut short.
+/// Returns the bytes up to the first record that is past `steps`, damaged or cut short.
 std::size_t kept_bytes(std::string_view bytes, std::uint64_t steps) {
   return read_tf_records(bytes, [steps](std::string_view event) {
     const auto step = step_of(event);

@@ -30,7 +30,7 @@ void describe(onnx::ValueInfoProto& value, const std::string& name, const std::v
   for (const std::int64_t side : sides) tensor.mutable_shape()->add_dim()->set_dim_value(side);
 }
 
-/// The nodes that `wanted` depends on, in the graph's order.
+/// Returns the nodes that `wanted` depends on, in the graph's order.
 std::vector<const onnx::NodeProto*> nodes_before(const onnx::GraphProto& graph, const std::string& wanted) {
   std::set<std::string> needed = {wanted};
   std::vector<const onnx::NodeProto*> nodes;
@@ -72,7 +72,7 @@ std::vector<std::int64_t> take_counted_padding(onnx::NodeProto& pool) {
 
 }  // namespace
 
-struct OnnxGraph::Parts {
+struct OnnxGraph::Impl {
   onnx::GraphProto graph;
   std::set<std::string> names;
   std::int64_t opset = kOpset, ir_version = kIrVersion;
@@ -134,7 +134,7 @@ struct OnnxGraph::Parts {
   }
 };
 
-OnnxGraph::OnnxGraph(const std::string& name) : parts_(std::make_unique<Parts>()) { parts_->graph.set_name(name); }
+OnnxGraph::OnnxGraph(const std::string& name) : impl_(std::make_unique<Impl>()) { impl_->graph.set_name(name); }
 OnnxGraph::~OnnxGraph() = default;
 
 OnnxValue OnnxGraph::input(const std::string& name, std::int64_t width, const std::string& help) {
@@ -142,46 +142,46 @@ OnnxValue OnnxGraph::input(const std::string& name, std::int64_t width, const st
 }
 
 OnnxValue OnnxGraph::input(const std::string& name, const std::vector<std::int64_t>& sides, const std::string& help) {
-  if (!parts_->names.insert(name).second) throw Error("is there already", "input " + name);
-  describe(*parts_->graph.add_input(), name, sides, help);
+  if (!impl_->names.insert(name).second) throw Error("is there already", "input " + name);
+  describe(*impl_->graph.add_input(), name, sides, help);
   return {this, name};
 }
 
 void OnnxGraph::output(const std::string& name, const OnnxValue& value, std::int64_t width, const std::string& help) {
-  if (!parts_->names.insert(name).second) throw Error("is there already", "output " + name);
-  onnx::NodeProto& node = *parts_->graph.add_node();
+  if (!impl_->names.insert(name).second) throw Error("is there already", "output " + name);
+  onnx::NodeProto& node = *impl_->graph.add_node();
   node.set_op_type("Identity");
-  node.set_name(parts_->fresh("out_" + name));
+  node.set_name(impl_->fresh("out_" + name));
   node.add_input(value.name);
   node.add_output(name);
-  describe(*parts_->graph.add_output(), name, {width}, help);
+  describe(*impl_->graph.add_output(), name, {width}, help);
 }
 
 OnnxValue OnnxGraph::constant(const std::string& name, const Eigen::Ref<const Matrix<float>>& numbers) {
   const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = numbers;
-  const auto& added = parts_->tensor(name, onnx::TensorProto::FLOAT, {rows.rows(), rows.cols()}, rows.data(),
-                                     static_cast<std::size_t>(rows.size()) * sizeof(float));
+  const auto& added = impl_->tensor(name, onnx::TensorProto::FLOAT, {rows.rows(), rows.cols()}, rows.data(),
+                                    static_cast<std::size_t>(rows.size()) * sizeof(float));
   return {this, added.name()};
 }
 
 OnnxValue OnnxGraph::constant(const std::string& name, const std::vector<std::int64_t>& shape,
                               const std::vector<float>& numbers) {
   const auto& added =
-      parts_->tensor(name, onnx::TensorProto::FLOAT, shape, numbers.data(), numbers.size() * sizeof(float));
+      impl_->tensor(name, onnx::TensorProto::FLOAT, shape, numbers.data(), numbers.size() * sizeof(float));
   return {this, added.name()};
 }
 
 OnnxValue OnnxGraph::integers(const std::vector<std::int64_t>& numbers) {
-  return {this, parts_->integers(numbers).name()};
+  return {this, impl_->integers(numbers).name()};
 }
 
 OnnxValue OnnxGraph::node(const std::string& type, const std::vector<OnnxValue>& inputs,
                           const std::vector<Attribute>& attributes) {
-  onnx::NodeProto& node = *parts_->graph.add_node();
+  onnx::NodeProto& node = *impl_->graph.add_node();
   node.set_op_type(type);
-  node.set_name(parts_->fresh(type));
+  node.set_name(impl_->fresh(type));
   for (const OnnxValue& one : inputs) node.add_input(one.name);
-  node.add_output(parts_->fresh(node.name() + "_out"));
+  node.add_output(impl_->fresh(node.name() + "_out"));
   for (const auto& [name, value] : attributes) {
     onnx::AttributeProto& attribute = *node.add_attribute();
     attribute.set_name(name);
@@ -246,62 +246,62 @@ OnnxValue OnnxGraph::append_network(const std::string& model, const OnnxValue& i
     if (opset.version() < kOldestOpset)
       throw Error("is of opset " + std::to_string(opset.version()), where,
                   "export it with opset " + std::to_string(kOldestOpset) + " or newer");
-    parts_->opset = opset.version();
+    impl_->opset = opset.version();
   }
-  parts_->ir_version = std::max<std::int64_t>(kIrVersion, network.ir_version());
+  impl_->ir_version = std::max<std::int64_t>(kIrVersion, network.ir_version());
   for (const onnx::NodeProto& one : graph.node()) {
     if (one.output_size() == 0 || (one.name() != node && one.output(0) != node)) continue;
-    parts_->append(graph, nodes_before(graph, one.output(0)), renamed);
+    impl_->append(graph, nodes_before(graph, one.output(0)), renamed);
     return {this, renamed.at(one.output(0))};
   }
   throw Error("has no node '" + node + "'", where);
 }
 
 void OnnxGraph::append(const OnnxGraph& other, const std::map<std::string, OnnxValue>& given) {
-  const onnx::GraphProto& graph = other.parts_->graph;
+  const onnx::GraphProto& graph = other.impl_->graph;
   std::map<std::string, std::string> renamed;
   for (const auto& one : graph.input())
     if (const auto found = given.find(one.name()); found != given.end()) {
       renamed[one.name()] = found->second.name;
     } else {
-      if (!parts_->names.insert(one.name()).second) throw Error("is there already", "input " + one.name());
-      *parts_->graph.add_input() = one;
+      if (!impl_->names.insert(one.name()).second) throw Error("is there already", "input " + one.name());
+      *impl_->graph.add_input() = one;
       renamed[one.name()] = one.name();
     }
   std::vector<const onnx::NodeProto*> nodes;
   for (const onnx::NodeProto& one : graph.node()) nodes.push_back(&one);
-  parts_->append(graph, nodes, renamed);
+  impl_->append(graph, nodes, renamed);
   for (const auto& one : graph.output()) {
-    *parts_->graph.add_output() = one;
+    *impl_->graph.add_output() = one;
     if (renamed.at(one.name()) != one.name()) throw Error("is there already", "output " + one.name());
   }
 }
 
 void OnnxGraph::close_batch() {
-  for (auto* values : {parts_->graph.mutable_input(), parts_->graph.mutable_output()})
+  for (auto* values : {impl_->graph.mutable_input(), impl_->graph.mutable_output()})
     for (onnx::ValueInfoProto& value : *values)
       value.mutable_type()->mutable_tensor_type()->mutable_shape()->mutable_dim(0)->set_dim_value(1);
 }
 
 bool OnnxGraph::has_input(const std::string& name) const {
-  return std::any_of(parts_->graph.input().begin(), parts_->graph.input().end(),
+  return std::any_of(impl_->graph.input().begin(), impl_->graph.input().end(),
                      [&](const auto& input) { return input.name() == name; });
 }
 
 std::string OnnxGraph::bytes(const std::string& help, const std::map<std::string, std::string>& metadata) const {
   onnx::ModelProto model;
-  model.set_ir_version(parts_->ir_version);
+  model.set_ir_version(impl_->ir_version);
   model.set_producer_name(kProducer);
   model.set_doc_string(help);
   onnx::OperatorSetIdProto& opset = *model.add_opset_import();
   opset.set_domain("");
-  opset.set_version(parts_->opset);
+  opset.set_version(impl_->opset);
   for (const auto& [key, value] : metadata) {
     onnx::StringStringEntryProto& entry = *model.add_metadata_props();
     entry.set_key(key);
     entry.set_value(value);
   }
-  *model.mutable_graph() = parts_->graph;
+  *model.mutable_graph() = impl_->graph;
   std::string bytes;
   google::protobuf::io::StringOutputStream stream(&bytes);
   google::protobuf::io::CodedOutputStream coded(&stream);

@@ -49,15 +49,15 @@ class OnnxGraph {
   OnnxGraph& operator=(const OnnxGraph&) = delete;
 
   OnnxValue input(const std::string& name, std::int64_t width, const std::string& help);
-  /// The same with sides of its own after the batch: a picture's 3 x height x width.
+  /// Returns the same with sides of its own after the batch: a picture's 3 x height x width.
   OnnxValue input(const std::string& name, const std::vector<std::int64_t>& sides, const std::string& help);
   void output(const std::string& name, const OnnxValue& value, std::int64_t width, const std::string& help);
-  /// Numbers kept in the model, rows x cols; named as the tensor they come from.
+  /// Adds numbers that the model keeps, rows x cols, named as the tensor they come from.
   OnnxValue constant(const std::string& name, const Eigen::Ref<const Matrix<float>>& numbers);
-  /// The same with sides of its own; `numbers` row by row.
+  /// Returns the same with sides of its own; `numbers` row by row.
   OnnxValue constant(const std::string& name, const std::vector<std::int64_t>& shape,
                      const std::vector<float>& numbers);
-  /// Any operator of the opset, with one output.
+  /// Adds any operator of the opset, with one output.
   OnnxValue node(const std::string& type, const std::vector<OnnxValue>& inputs,
                  const std::vector<Attribute>& attributes = {});
   /// Integers as an operator's input (a Reshape's sides).
@@ -69,11 +69,11 @@ class OnnxGraph {
                    const std::string& bias_name, const Eigen::Ref<const Matrix<float>>& bias);
   /// batch x 1 to batch x width, the same in each column.
   OnnxValue stretched(const OnnxValue& x, std::int64_t width);
-  /// Each row of `width` numbers over its length; zeros stay zeros.
+  /// Returns each row of `width` numbers over its length; zeros stay zeros.
   OnnxValue unit_length(const OnnxValue& x, std::int64_t width);
-  /// Columns begin .. end - 1.
+  /// Returns the columns begin .. end - 1.
   OnnxValue columns(const OnnxValue& x, std::int64_t begin, std::int64_t end);
-  /// Side by side.
+  /// Joins them side by side.
   OnnxValue concat(const std::vector<OnnxValue>& parts);
 
   /// Appends a network read from an ONNX file's bytes, of one input and opset kOldestOpset or newer, up to the output
@@ -86,12 +86,12 @@ class OnnxGraph {
   bool has_input(const std::string& name) const;
   /// Makes the batch of all inputs and outputs 1. OpenCV cannot follow an open one through changes of shape.
   void close_batch();
-  /// The model as a file's bytes, the same for the same graph.
+  /// Returns the model as a file's bytes, the same for the same graph.
   std::string bytes(const std::string& help, const std::map<std::string, std::string>& metadata) const;
 
  private:
-  struct Parts;
-  std::unique_ptr<Parts> parts_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace citylearn

@@ -9,8 +9,8 @@
 
 namespace citylearn {
 
-/// The agent's parameters under the names of the network's tensors, each rows x cols; and, where the network was built
-/// around a route, its features as `reference`, N x D. `metadata` goes along with what the agent is.
+/// Returns the agent's parameters under the names of the network's tensors, each rows x cols; and, where the network
+/// was built around a route, its features as `reference`, N x D. `metadata` goes along with what the agent is.
 Safetensors parameters_of(const TrainedAgent& agent, const std::map<std::string, std::string>& metadata);
 
 /// Puts the file's parameters in the place of the agent's. A vector of n may be of shape [n] or [n, 1]; `reference` is

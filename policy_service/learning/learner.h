@@ -12,13 +12,13 @@
 
 namespace citylearn {
 
-/// What a learner is built for.
+/// The task that a learner is built for.
 struct LearnerTask {
   const AgentNetwork<float>& network;  ///< must outlive the learner
-  std::string agent;                   ///< the network's name,
-  Parameters parameters;               ///< its own,
-  const NetworkTask& task;             ///< and what it was built for; outlives the learner
-  WorkerPool& workers;                 ///< for work that it divides; outlives the learner
+  std::string agent;                   ///< name of the network
+  Parameters parameters;               ///< parameters of the network
+  const NetworkTask& task;             ///< task of the network; must outlive the learner
+  WorkerPool& workers;                 ///< threads for work that it divides; must outlive the learner
   std::uint64_t seed = 1;              ///< of the initial parameters and of the learner's own random numbers
   std::uint64_t total_steps = 0;       ///< environment steps of the whole run at most, for schedules
 };
@@ -43,7 +43,7 @@ struct LearnerState {
 /// Returns whether learners that share the work average this tensor.
 inline bool is_shared(const std::string& tensor) { return tensor == "parameters" || tensor.starts_with("adam."); }
 
-/// Adds up what several learners have.
+/// Sums values over several learners.
 class GradientSharing {
  public:
   virtual ~GradientSharing() = default;
@@ -56,8 +56,8 @@ class GradientSharing {
 class Learner {
  public:
   virtual ~Learner() = default;
-  /// Tells schedules, before an update, what fraction of the run has passed by the clock (0..1, never falling); by the
-  /// steps it may be more. A learner without schedules ignores it.
+  /// Tells schedules, before an update, which fraction of the run's time has passed (0..1, never falling). The fraction
+  /// of its steps may be larger. A learner without schedules ignores it.
   virtual void set_progress(double /*fraction*/) {}
   /// Makes one update from rollouts and fills in their advantages.
   virtual UpdateFigures update(std::span<Rollout* const> rollouts) = 0;

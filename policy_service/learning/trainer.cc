@@ -13,10 +13,10 @@
 namespace citylearn {
 namespace {
 
-constexpr double kNavigates = 0.95;
+constexpr double kNavigatingSpl = 0.95;
 constexpr std::uint64_t kRank = 110;  // purpose of random streams: (seed, kRank, rank) is the seed of one of several
 
-/// The authors' lessons, which end at N = 128, on a route of any N: 4, 8, 16 .. N, then the tighter step limit.
+/// Returns the authors' lessons, which end at N = 128, on a route of any N: 4, 8, 16 .. N, then the tighter step limit.
 std::vector<Lesson> curriculum_of(int frames, int max_steps) {
   std::vector<Lesson> lessons;
   for (int n = 4; n < frames; n *= 2) lessons.push_back({n, n <= 64 ? 4 * n : 2 * n});
@@ -231,7 +231,7 @@ void Trainer::Impl::count_episodes(std::span<const FinishedEpisode> finished) {
       progress.reward += reward / static_cast<double>(recent.size());
       progress.spl += spl / static_cast<double>(recent.size());
     }
-    if (recent.size() == kRecent && progress.spl >= kNavigates && !progress.episodes_to_spl95) {
+    if (recent.size() == kRecent && progress.spl >= kNavigatingSpl && !progress.episodes_to_spl95) {
       progress.episodes_to_spl95 = progress.episodes;
       progress.steps_to_spl95 = progress.steps;
     }

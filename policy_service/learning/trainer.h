@@ -71,7 +71,7 @@ class Trainer {
   void prepare(Rollout& rollout) const;
   /// Returns how many sequences such an update should have: those of `agents` agents in a segment.
   int batch() const;
-  /// As Learner::set_progress(); call it before update() or learn().
+  /// Does what Learner::set_progress() says; call it before update() or learn().
   void set_progress(double fraction);
   double elapsed() const;  ///< that fraction, the largest of all that share updates
   /// Makes every update together with other trainers from now on, beginning where they are; `sharing` must outlive

@@ -23,7 +23,7 @@ struct Lesson {
 /// Returns the mean of the lengths of episodes; NaN where there are none.
 double mean_steps(const std::deque<int>& steps);
 
-/// How far a trainer was, as a checkpoint has it.
+/// The progress of a trainer, as a checkpoint has it.
 struct SavedProgress {
   TrainingProgress progress;
   std::uint64_t lesson_episodes = 0, generation = 0;
@@ -32,7 +32,7 @@ struct SavedProgress {
   std::deque<int> recent_steps;
 };
 
-/// What a Trainer holds. trainer.cc trains, trainer_checkpoint.cc saves and loads.
+/// The state of a Trainer. trainer.cc trains; trainer_checkpoint.cc saves and loads.
 struct Trainer::Impl {
   TrainerOptions options;
   NetworkTask task;

@@ -8,7 +8,7 @@ namespace citylearn {
 
 constexpr int kRecent = 100;  ///< episodes in the running means
 
-/// How far training has come. Changes only in Trainer::update and learn.
+/// The progress of training. Changes only in Trainer::update and learn.
 struct TrainingProgress {
   std::uint64_t updates = 0, steps = 0, episodes = 0;
   int lesson = 0;                                  ///< of the curriculum, from 0

@@ -12,7 +12,7 @@
 
 namespace citylearn {
 
-/// What one trainer brings to an update that several make together.
+/// The part of one trainer in an update that several make together.
 struct LocalUpdate {
   std::uint64_t updates = 0;              ///< made before this one
   std::uint64_t generation = 0;           ///< Trainer::generation()
@@ -22,7 +22,7 @@ struct LocalUpdate {
   std::string progress;                   ///< of the trainer before this update, JSON
 };
 
-/// What they made together, the same for all of them but for `progress`.
+/// The result of such an update, the same for all trainers except for `progress`.
 struct SharedUpdate {
   std::uint64_t steps = 0;                ///< of all
   std::vector<FinishedEpisode> episodes;  ///< of all, in the order of ranks

@@ -26,8 +26,8 @@ template <class S>
 struct Workspace {
   virtual ~Workspace() = default;
   bool localise = false;  ///< asks for `heads.auxiliary`; only a training loss does
-  /// When not 0, no backward pass follows, and the parameters stay the same as long as this number does: a network may
-  /// then keep what it made of them, and of a feature vector.
+  /// If not 0, no backward pass follows, and the parameters are the same as long as this number is: a network may then
+  /// keep what it computed from them, and from a feature vector.
   std::uint64_t fixed = 0;
   Heads<S> heads;
   Matrix<S> state;  ///< state_size x B, after the last step

@@ -63,7 +63,7 @@ class Reader {
   std::string path_;
 };
 
-/// Update of a checkpoint's file name.
+/// Returns the update of a checkpoint's file name.
 std::optional<std::uint64_t> update_of(const std::filesystem::path& path) {
   const std::string name = path.filename().string();
   if (!name.starts_with(kPrefix) || !name.ends_with(kSuffix)) return std::nullopt;
@@ -75,7 +75,7 @@ std::optional<std::uint64_t> update_of(const std::filesystem::path& path) {
   return update;
 }
 
-/// Newest first.
+/// Returns the checkpoints, the newest first.
 std::vector<std::pair<std::uint64_t, std::filesystem::path>> checkpoints_in(const std::string& folder) {
   std::vector<std::pair<std::uint64_t, std::filesystem::path>> found;
   std::error_code none;

@@ -5,7 +5,7 @@
 
 namespace citylearn {
 
-/// What was seen of a traversal: the sum of D features each, and how many frames.
+/// The features that were seen of a traversal: their sums, D numbers, and the number of frames.
 struct SeenFeatures {
   Vector<double> sum;  ///< D; empty: nothing was seen
   double count = 0;

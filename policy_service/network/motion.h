@@ -9,7 +9,7 @@
 
 namespace citylearn {
 
-/// How a belief over the N places of a route moves by an action, in a world that may be imperfect as an env_service
+/// Moves a belief over the N places of a route by an action, in a world that may be as imperfect as an env_service
 /// makes it (docs/how-to/try-an-imperfect-world.md). A is the action's certain effect, b the belief:
 ///   (1 - k) ((1 - p) A b + p / 2 (b + A A b)) + k / N,
 /// p = `slip`, k = `kidnap`. What falls off an end is dropped, but the second of two steps comes to nothing there.

@@ -16,7 +16,7 @@ using Matrix = Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic>;  // column-majo
 template <class S>
 using Vector = Eigen::Matrix<S, Eigen::Dynamic, 1>;
 
-/// What a network is built for.
+/// The task that a network is built for.
 struct NetworkTask {
   int features = 0;  ///< D
   int frames = 128;  ///< N, places on the route

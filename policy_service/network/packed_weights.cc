@@ -18,7 +18,7 @@ const dnnl::engine& processor() {
 
 }  // namespace
 
-/// What a product depends on beside numbers.
+/// The properties of a product other than its numbers.
 struct PackedFactor::Shape {
   std::ptrdiff_t rows, inner, cols;  // of a * b
   std::ptrdiff_t a_stride, b_stride, out_stride;

@@ -10,13 +10,12 @@
 
 namespace citylearn {
 
-/// Lays out a matrix once as oneDNN's narrow products want it, in the precision of used_math(). For one thread at a
-/// time.
+/// Lays out a matrix once for oneDNN's narrow products, in the precision of used_math(). Used by one thread at a time.
 class PackedFactor {
  public:
   PackedFactor();
   ~PackedFactor();
-  /// The next product lays out its first factor anew.
+  /// Makes the next product lay out its first factor anew.
   void changed();
   /// out = a * b, or out += a * b. Since changed(), `a` has been the same; `b` is not transposed.
   void multiply(const products::Factor& a, const products::Factor& b, bool adds, float* out, std::ptrdiff_t stride);
@@ -41,7 +40,7 @@ class PackedWeights {
   static bool pay_for_steps(std::ptrdiff_t columns) {
     return kByOneDnn && columns >= 8 && used_math() == Math::kOneDnnBfloat16;
   }
-  /// The weights have other values from now on.
+  /// Notes that the weights have changed.
   void changed() {
     if constexpr (kByOneDnn) packed_.changed();
     stale_ = true;

@@ -10,12 +10,12 @@
 
 namespace citylearn {
 
-/// What frames are compared with to tell the place: the route's N places as each of E experiences shows them, K, as
-/// FeatureNormaliser makes them.
+/// The keys that frames are compared with to find the place: the features K of the route's N places in each of E
+/// experiences, as FeatureNormaliser makes them.
 template <class S>
 class PlaceKeys {
  public:
-  /// As in NetworkTask: `reference` must have `features` numbers of `frames` places, once or several times. Throws
+  /// `reference` must have `features` numbers of `frames` places, once or several times, as in NetworkTask. Throws
   /// Error.
   PlaceKeys(const Matrix<float>& reference, int features, int frames) : frames_(frames) {
     if (features < 1 || frames < 1 || reference.rows() != features || reference.cols() < frames ||

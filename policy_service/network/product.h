@@ -11,8 +11,8 @@
 
 namespace citylearn {
 
-/// Who computes the networks' products of matrices in single precision; kMathNames in the same order. The last rounds
-/// the factors of large products to bfloat16 (8 bits instead of 24) and adds up in single precision.
+/// The library that computes the networks' products of matrices in single precision; kMathNames has the same order. The
+/// last one rounds the factors of large products to bfloat16 (8 bits instead of 24) and adds up in single precision.
 enum class Math { kEigen, kOneDnn, kOneDnnBfloat16 };
 inline constexpr std::array<std::string_view, 3> kMathNames{"eigen", "onednn", "onednn_bfloat16"};
 

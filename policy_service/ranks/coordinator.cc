@@ -14,7 +14,7 @@
 namespace citylearn {
 namespace {
 
-/// How long ranks have to come over from a coordinator that was lost, or another group to take over what is left.
+/// Time for ranks to come over from a coordinator that was lost, or for another group to take over the rest.
 
 std::vector<char> packed(const nlohmann::json& message) {
   const std::string text = message.dump();
@@ -192,7 +192,7 @@ void Coordinator::beat() {
   for (const auto& [connection, member] : members_) send_(connection, &message);
 }
 
-void Coordinator::forgive_silence(Clock::time_point now) {
+void Coordinator::reset_silence_timers(Clock::time_point now) {
   for (auto& [connection, member] : members_) member.heard = now;
 }
 

@@ -25,7 +25,7 @@ inline constexpr int kRankProtocol = 1;  ///< of the messages between ranks
 class Coordinator {
  public:
   using Json = nlohmann::json;
-  /// What it does to a connection: send a message; without one, close it.
+  /// Sends a message to a connection; without a message, closes it.
   using Send = std::function<void(int connection, const Json* message)>;
 
   /// `incarnation` names this process among all that ever take part.
@@ -44,11 +44,11 @@ class Coordinator {
   void tick(Clock::time_point now);
   /// Shows all members that it is there.
   void beat();
-  /// Forgives a silence that this process's own pause explains.
-  void forgive_silence(Clock::time_point now);
+  /// Restarts the time-outs of all members, because this process itself stood still.
+  void reset_silence_timers(Clock::time_point now);
   /// Sends all members to another coordinator.
   void hand_over(const std::string& address);
-  /// Returns whether another coordinator's group, as in its probe, goes before this one's.
+  /// Returns whether another coordinator's group, as its probe describes it, has precedence over this one.
   bool yields_to(const Json& probe) const;
   Json probe(const std::string& address) const;
 

@@ -20,7 +20,7 @@ namespace {
 
 // gloo waits five times as long for all connections of a context.
 
-/// What gloo's ranks tell each other before they are connected.
+/// The store through which gloo's ranks exchange addresses before they are connected.
 class RosterStore : public gloo::rendezvous::Store {
  public:
   RosterStore(Roster& roster, std::uint64_t meeting) : roster_(roster), meeting_(meeting) {}

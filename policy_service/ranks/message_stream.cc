@@ -26,7 +26,7 @@ namespace {
 
 constexpr std::array<char, 4> kMark = {'C', 'L', 'R', 'K'};
 constexpr std::size_t kHead = kMark.size() + 4;
-constexpr std::size_t kMostBytes = std::size_t{64} << 20;  // of a message
+constexpr std::size_t kMaxMessageBytes = std::size_t{64} << 20;  // of a message
 
 sockaddr_in socket_address(const RankAddress& address) {
   sockaddr_in result{};
@@ -157,7 +157,7 @@ bool MessageStream::receive(std::vector<nlohmann::json>& messages) {
     foreign_ = input_.compare(begin, kMark.size(), kMark.data(), kMark.size()) != 0;
     if (foreign_ || input_.size() - begin < kHead) break;
     for (std::size_t i = kMark.size(); i < kHead; ++i) size = size << 8 | static_cast<unsigned char>(input_[begin + i]);
-    foreign_ = size > kMostBytes;
+    foreign_ = size > kMaxMessageBytes;
     if (foreign_ || input_.size() - begin < kHead + size) break;
     nlohmann::json message = parse_json_or_null(std::string_view(input_).substr(begin + kHead, size));
     foreign_ = !message.is_object();

@@ -15,7 +15,7 @@ struct RankLost : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// What a rank says when it comes to a meeting.
+/// The message of a rank that comes to a meeting.
 struct RankArrival {
   std::uint64_t updates = 0;  ///< that it has made
   std::string news;           ///< for all members

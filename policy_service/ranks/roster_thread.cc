@@ -66,7 +66,7 @@ Roster::Thread::Json Roster::Thread::ask(Json question, const std::string& answe
   ::eventfd_write(wake_.get(), 1);
   while (!failure_) {
     if (answer_ && answer_->at("type") == answer) return *std::exchange(answer_, std::nullopt);
-    changed_.wait_for(lock, kStopCheck);
+    changed_.wait_for(lock, kStopCheckInterval);
     if (!idle) continue;
     lock.unlock();
     idle();
@@ -103,7 +103,7 @@ void Roster::Thread::run() {
     wait_for_sockets();
     const Clock::time_point now = Clock::now();
     if (now - std::exchange(last_turn_, now) > kRankPaused) {
-      coordinator_.forgive_silence(now);
+      coordinator_.reset_silence_timers(now);
       heard_ = now;
     }
     std::deque<Json> outbox;
@@ -142,7 +142,7 @@ void Roster::Thread::wait_for_sockets() {
   for (const auto& [connection, accepted] : accepted_) add(accepted.stream);
   if (link_) add(*link_);
   if (probe_) add(*probe_);
-  ::poll(all.data(), all.size(), static_cast<int>(kStopCheck.count()));
+  ::poll(all.data(), all.size(), static_cast<int>(kStopCheckInterval.count()));
   eventfd_t none = 0;
   ::eventfd_read(wake_.get(), &none);
 }
@@ -444,7 +444,7 @@ void Roster::Thread::resend() {
   link_->send(question);
 }
 
-/// The ranks that are missing at the start must come in time.
+/// Throws Error when ranks that are missing at the start do not come in time.
 void Roster::Thread::check_patience(Clock::time_point now) {
   if (ever_met_ || !is_member_ || now - start_ < options_.patience) return;
   std::set<int> missing;

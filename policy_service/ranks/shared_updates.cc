@@ -16,7 +16,7 @@
 namespace citylearn {
 namespace {
 
-/// What a rank tells all others of its update.
+/// The message of a rank to all others about its update.
 struct UpdateNews {
   std::uint64_t steps = 0, generation = 0;
   double elapsed = 0;

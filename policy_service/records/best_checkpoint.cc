@@ -31,7 +31,7 @@ std::optional<BestCheckpoint::Figures> figures_of(const Checkpoint& checkpoint) 
   return figures.training_spl || figures.evaluation_spl ? std::optional(figures) : std::nullopt;
 }
 
-/// What decides. Each evaluation is on the whole route, whatever the lesson.
+/// Returns the figures that decide, in order. Each evaluation is on the whole route, whatever the lesson.
 auto rank_of(const BestCheckpoint::Figures& figures) {
   return std::tuple(figures.evaluation_spl.has_value(), figures.evaluation_spl ? 0 : figures.lesson, figures.spl());
 }

@@ -14,7 +14,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kWidestValue = 32;  // longer ones, such as paths, push the origin to the right
+constexpr std::size_t kMaxValueWidth = 32;  // longer ones, such as paths, push the origin to the right
 
 constexpr std::size_t kListWidth = 100;  // columns
 
@@ -105,7 +105,7 @@ std::string configuration_text(const std::vector<OptionValue>& configuration) {
   std::size_t name = 0, value = 1;
   for (const OptionValue& option : configuration) {
     name = std::max(name, option.name.size());
-    if (option.value.size() <= kWidestValue) value = std::max(value, option.value.size());
+    if (option.value.size() <= kMaxValueWidth) value = std::max(value, option.value.size());
   }
   std::string text;
   for (const OptionValue& option : configuration)

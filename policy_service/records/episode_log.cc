@@ -87,10 +87,10 @@ void EpisodeLog::skip(const msg::EpisodeStat& episode) {
 }
 
 bool EpisodeLog::record(const msg::EpisodeStat& episode) {
-  if (file_ && file_->waiting() > kMostWaiting) return false;
+  if (file_ && file_->waiting() > kMaxWaitingBytes) return false;
   Received& received = received_from(episode);
   const std::uint64_t number = episode.episode();
-  if (received.early.size() >= kMostEarly && number > received.episodes.settled().reach() + 1) return false;
+  if (received.early.size() >= kMaxEarlyRows && number > received.episodes.settled().reach() + 1) return false;
   if (!received.episodes.record(number)) return false;
   ++total_;
   received.early[number] =

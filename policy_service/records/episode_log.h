@@ -44,8 +44,8 @@ class EpisodeLog {
     RecordedNumbers episodes;                    ///< recorded, or waiting for the disk
     std::uint64_t on_disk = 0;                   ///< up to this one none waits
   };
-  static constexpr std::size_t kMostWaiting = 16 << 20;  ///< bytes for the disk
-  static constexpr std::size_t kMostEarly = 4096;        ///< rows of an env_service
+  static constexpr std::size_t kMaxWaitingBytes = 16 << 20;  ///< bytes for the disk
+  static constexpr std::size_t kMaxEarlyRows = 4096;         ///< rows of an env_service
   void load();
   void write_in_order(Received& received);
   Received& received_from(const msg::EpisodeStat& episode);

@@ -14,8 +14,7 @@ namespace citylearn {
 /// The folder that a run, or a sweep of several, writes to. No other process writes there while this lives.
 class OutputFolder {
  public:
-  /// Creates and locks the folder; does nothing when its name is empty. Throws Error naming it when another process has
-  /// it.
+  /// Creates and locks the folder; does nothing without a name. Throws Error naming it when another process has it.
   explicit OutputFolder(const std::string& folder);
 
  private:

@@ -65,8 +65,8 @@ struct PolicyServiceOptions : TrainerOptions {
   /// Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/, tensorboard/.
   std::string output;
 
-  /// What the command line says, option_values(). checked_options() makes it effective_configuration(), for
-  /// manifest.json.
+  /// The options of the command line, from option_values(). checked_options() turns them into
+  /// effective_configuration(), for manifest.json.
   std::vector<OptionValue> configuration;
   std::vector<std::string> command;  ///< the words of the whole command line, for manifest.json
 };

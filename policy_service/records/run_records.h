@@ -56,8 +56,7 @@ class RunRecords {
   void save_evaluated(Checkpoint checkpoint, double spl);
   /// Returns the best checkpoint of this run; null without --output.
   const BestCheckpoint* best() const { return best_ ? &*best_ : nullptr; }
-  /// Acknowledges episodes, answers requests and retries what could not be written. Call it whenever messages were
-  /// handled.
+  /// Acknowledges episodes, answers requests and retries failed writes. Call it whenever messages were handled.
   void handle();
   /// Acknowledges the episodes that were recorded: all, or not so often that waiting for the disk takes much time.
   void acknowledge(bool all = true);

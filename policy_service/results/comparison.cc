@@ -101,7 +101,7 @@ std::string cell(const Figures& figures, const std::string& figure, int digits, 
 
 using Cells = std::vector<std::string>;
 
-/// Markdown, its columns padded so that it reads well as it is.
+/// Returns Markdown with padded columns, so that it reads well as plain text.
 std::string markdown(const std::vector<Cells>& rows) {
   std::vector<std::size_t> widths(rows.at(0).size(), 3);
   for (const Cells& row : rows)

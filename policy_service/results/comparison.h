@@ -41,8 +41,8 @@ std::string sweep_json(const RunGroup& group, const std::map<std::uint64_t, std:
 
 /// Returns Markdown tables of several groups side by side: median (lowest..highest) of each figure.
 std::string tables(const std::vector<RunGroup>& groups);
-/// The same for folders with a sweep.json or a summary.json, or these files. Throws Error naming the one that is
-/// neither.
+/// Returns the same for folders with a sweep.json or a summary.json, or these files. Throws Error naming the one that
+/// is neither.
 std::string tables_of(const std::vector<std::string>& runs);
 
 }  // namespace citylearn

@@ -29,7 +29,7 @@ struct ScoreRow {
   Score score;
 };
 
-/// Table for people, one row a policy and traversal.
+/// Returns a table for people, one row for each policy and traversal.
 std::string table(const std::vector<ScoreRow>& rows);
 
 }  // namespace citylearn

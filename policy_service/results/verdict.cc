@@ -14,9 +14,9 @@ namespace citylearn {
 namespace {
 
 // Differences of SPL that 2,000 tasks can show.
-constexpr double kSame = 0.02;
+constexpr double kSplTolerance = 0.02;
 // From here on we say that an agent finds its way, and that a control shows a task to be possible.
-constexpr double kGood = 0.9;
+constexpr double kGoodSpl = 0.9;
 
 /// SPL by policy and traversal.
 using Table = std::map<std::string, std::map<std::string, double>>;
@@ -58,14 +58,14 @@ struct Group {
 };
 
 Fault fault_of(double own, std::optional<double> blind, std::optional<double> filter) {
-  if (blind && own < *blind + kSame) return Fault::kBlind;
-  if (filter && own < *filter - kSame) return Fault::kFilter;
-  return own < kGood ? Fault::kPart : Fault::kNone;
+  if (blind && own < *blind + kSplTolerance) return Fault::kBlind;
+  if (filter && own < *filter - kSplTolerance) return Fault::kFilter;
+  return own < kGoodSpl ? Fault::kPart : Fault::kNone;
 }
 
 Cause cause_of(std::optional<double> filter, std::optional<double> oracle) {
-  if (oracle && *oracle < kGood) return Cause::kAlike;
-  if (filter && *filter >= kGood) return Cause::kAgent;
+  if (oracle && *oracle < kGoodSpl) return Cause::kAlike;
+  if (filter && *filter >= kGoodSpl) return Cause::kAgent;
   return oracle && filter ? Cause::kChanged : Cause::kUnknown;
 }
 
@@ -155,7 +155,7 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows)
     if (!own) continue;
     const auto blind = agent == "blind" ? std::nullopt : find(table, "blind", traversal);
     const auto filter = find(table, "sequence_filter", traversal), oracle = find(table, "oracle_filter", traversal);
-    if (shuffled && *shuffled >= *own - kSame) looks = false;
+    if (shuffled && *shuffled >= *own - kSplTolerance) looks = false;
     const Fault fault = fault_of(*own, blind, filter);
     Group& group = groups[{fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle)}];
     group.traversals.push_back(traversal);

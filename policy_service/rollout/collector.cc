@@ -13,7 +13,7 @@
 namespace citylearn {
 namespace {
 
-/// What a random stream is for. Its name goes on with environment and generation, then with the numbers given here.
+/// Purpose of a random stream. Its name continues with environment and generation, then with the numbers given here.
 enum Purpose : std::uint64_t {
   kEnvironment = 101,   // starts and goals
   kAction = 102,        // step
@@ -22,17 +22,16 @@ enum Purpose : std::uint64_t {
   kPlaceNoise = 105,    // agent, episode of the agent, frame
 };
 
-constexpr double kMostStretch = 5;  // of a place's noise, a power of two
+constexpr double kMaxStretch = 5;  // of a place's noise, a power of two
 
 /// Returns the number of pieces that so many agents are divided into. It decides bits, so threads play no part in it. A
 /// piece reads all weights, which takes longer than a few agents do. One agent is one piece, which wakes no thread.
 std::size_t pieces_for(std::size_t agents) {
-  constexpr std::size_t kLeast = 2, kAgents = 16;  // kAgents: of a piece at most
-  return std::max(std::min(kLeast, agents), (agents + kAgents - 1) / kAgents);
+  constexpr std::size_t kMinPieces = 2, kAgents = 16;  // kAgents: of a piece at most
+  return std::max(std::min(kMinPieces, agents), (agents + kAgents - 1) / kAgents);
 }
 
-/// Fills `out` with nearly normal numbers of mean 0 and deviation 1, sums of four uniform ones: one draw of 64 bits
-/// each.
+/// Fills `out` with nearly normal numbers of mean 0 and deviation 1: sums of four uniform ones from one 64-bit draw.
 void fill_noise(Random& random, Eigen::Ref<Vector<float>> out) {
   constexpr float kScale = 1.7320508f / 65536.0f;  // a uniform number of 16 bits has deviation 65536 / sqrt(12)
   for (float& value : out) {
@@ -325,7 +324,7 @@ void Collector::Impl::begin_episode(EnvState& env, std::size_t index) {
   if (!augments()) return;
   Random random{options.seed, kEpisodeNoise, static_cast<std::uint64_t>(env.id), generation, index, agent.episode};
   agent.strength = static_cast<float>(random.uniform());
-  agent.stretch = std::exp2(random.uniform() * kMostStretch);
+  agent.stretch = std::exp2(random.uniform() * kMaxStretch);
   fill_noise(random, env.episode_noise.col(static_cast<std::ptrdiff_t>(index)));
 }
 

@@ -33,13 +33,12 @@ struct FinishedEpisode {
 /// same bits, in whatever order the environments' observations arrive and on however many threads. Used by one thread.
 class Collector {
  public:
-  /// All must outlive it. Agents are divided into pieces, which `workers` do at once.
+  /// `network` and `workers` must outlive it. Agents are divided into pieces, which `workers` compute at the same time.
   Collector(const CollectorOptions& options, const NetworkTask& task, const AgentNetwork<float>& network,
             WorkerPool& workers);
   ~Collector();
 
-  /// Begins all environments anew, on the route's first `frames` places. `generation` names the random streams from
-  /// here on.
+  /// Begins all environments anew, on the route's first `frames` places. `generation` then names the random streams.
   void reset_all(std::uint64_t generation, int frames);
   /// Adds an environment, whose number names its random streams, on a traversal that is this experience of the route
   /// (NetworkTask::reference). Called again, the environment begins anew and its part of the segment is dropped.

@@ -11,8 +11,8 @@
 
 namespace citylearn {
 
-/// Which tasks the agents of one env_service perform, for a Policy. Sees to it that what an agent does depends on its
-/// task and not on who else acts beside it. Used by one thread.
+/// Tracks which tasks the agents of one env_service perform, for a Policy. Ensures that what an agent does depends on
+/// its task alone and not on the agents beside it. Used by one thread.
 class EvaluatedTasks {
  public:
   /// Agents are computed together in matrices of so many columns. A task always has the same column, because the place
@@ -21,7 +21,7 @@ class EvaluatedTasks {
   static constexpr int kNobody = -1;
   using Batch = std::array<int, kColumns>;  ///< agents by column, or kNobody
 
-  /// As Policy::begin().
+  /// Does what Policy::begin() says.
   void begin(std::uint32_t first_task, const SeenFeatures& known);
   /// Takes in which agents begin a task, and which are idle. Call it once for each observation.
   void follow(const msg::Observation& observation);
@@ -36,7 +36,7 @@ class EvaluatedTasks {
   std::uint32_t task(int agent) const { return agents_[static_cast<std::size_t>(agent)].task; }
   /// Takes in what an agent sees, D numbers, and normalises it by what was seen in its task and in earlier ones.
   void normalise(const FeatureNormaliser& normaliser, int agent, Eigen::Ref<Vector<float>> features);
-  /// As Policy::seen().
+  /// Returns what Policy::seen() says.
   const std::map<std::uint32_t, SeenFeatures>& seen() const { return seen_; }
 
  private:

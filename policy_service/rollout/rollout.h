@@ -8,8 +8,8 @@
 
 namespace citylearn {
 
-/// What A agents saw and did over T steps, as tensors. Column t * A + a is agent a at step t. A sequence is
-/// `sequence` (L) successive steps of one agent; T is a multiple of L, and sequence s of agent a has index s * A + a.
+/// Data of A agents over T steps, as tensors. Column t * A + a is agent a at step t. A sequence is `sequence` (L)
+/// successive steps of one agent; T is a multiple of L, and sequence s of agent a has index s * A + a.
 struct Rollout {
   enum Ended : std::uint8_t { kGoesOn = 0, kTerminated = 1, kTruncated = 2 };
 

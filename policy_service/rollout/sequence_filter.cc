@@ -106,7 +106,7 @@ class SequenceFilter : public Policy {
     return allowed_or_turn(before > after ? kNext : kPrevious, allowed);
   }
 
-  /// Of what is allowed, the step that most of the belief calls nearer to the goal.
+  /// Returns the allowed step that leads nearer to the goal for most of the belief.
   std::uint8_t on_the_map(int goal, std::uint8_t allowed) {
     std::vector<int>& distances = distances_[goal];
     if (distances.empty()) distances_to(goal, task_.frames, task_.turns, distances);

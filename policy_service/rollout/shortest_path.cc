@@ -25,7 +25,7 @@ class ShortestPath : public Policy {
   }
 
  private:
-  /// The first of next, previous and turning that leads nearer.
+  /// Returns the first of next, previous and turning that leads nearer.
   std::uint8_t on_the_map(int place, int goal, std::uint8_t allowed) {
     std::vector<int>& distances = distances_[goal];
     if (distances.empty()) distances_to(goal, task_.frames, task_.turns, distances);

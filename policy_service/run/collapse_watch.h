@@ -18,13 +18,13 @@ class CollapseWatch {
     if (collapsed_)
       collapsed_ = spl < kRecovered * best_;
     else
-      collapsed_ = best_ >= kGood && spl < kCollapsed * best_;
+      collapsed_ = best_ >= kGoodSpl && spl < kCollapsed * best_;
     return collapsed_;
   }
   double best() const { return best_; }
 
  private:
-  static constexpr double kGood = 0.5, kCollapsed = 0.5, kRecovered = 0.8;  // SPL; shares of the best
+  static constexpr double kGoodSpl = 0.5, kCollapsed = 0.5, kRecovered = 0.8;  // SPL; shares of the best
   double best_;
   bool collapsed_ = false;
 };

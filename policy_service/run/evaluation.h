@@ -30,7 +30,7 @@ class Evaluation {
   Evaluation(EnvClient& client, msg::TaskSettings settings, MakePolicy make_policy,
              const std::vector<std::string>& traversals);
 
-  /// Lets an env_service take part if it has one of the traversals; one that does already begins anew, as after a
+  /// Lets an env_service take part if it has one of the traversals. One that takes part begins anew, as after a
   /// restart.
   void add(EnvHandle& env);
   /// Goes on without an env_service. Others do the tasks that it was to do, also those that it has done of them,

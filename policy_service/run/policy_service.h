@@ -11,8 +11,7 @@ int run_policy_service(const PolicyServiceOptions& options);
 /// Performs one of several runs on the same node; the env_services wait in between. `options` must have passed
 /// checked_options().
 int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClient& client);
-/// Fills in options that follow from others (step limit, all controls, configuration). Throws Error naming what does
-/// not fit.
+/// Fills in options that follow from others (step limit, controls, configuration). Throws Error naming a wrong one.
 PolicyServiceOptions checked_options(PolicyServiceOptions options);
 
 }  // namespace citylearn

@@ -26,7 +26,7 @@ struct EnvServicesMissing : Error {
   using Error::Error;
 };
 
-/// What the parts of a run share: its options, its env_services and its records. Used by one thread.
+/// The state that the parts of a run share: its options, its env_services and its records. Used by one thread.
 class RunContext {
  public:
   /// `node` and `client` must outlive it.
@@ -43,7 +43,7 @@ class RunContext {
 
   /// Handles messages for `moment` at most, and everything that is due. All waiting of a run happens here. Throws
   /// StopRequested.
-  void spin(std::chrono::milliseconds moment = kStopCheck);
+  void spin(std::chrono::milliseconds moment = kStopCheckInterval);
   /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
   /// far as these are known.
   void require(std::optional<int> feature_dimension = {}, const std::vector<TraversalContents>& learned = {});

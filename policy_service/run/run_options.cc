@@ -11,7 +11,7 @@
 namespace citylearn {
 namespace {
 
-constexpr int kMostFrames = 100000;
+constexpr int kMaxFrames = 100000;
 
 }  // namespace
 
@@ -45,10 +45,10 @@ void add_task_options(CLI::App& app, PolicyServiceOptions& options) {
            int first = 0, end = kOpen;
            read_range("--frames", text, first, end);
            options.cap_frames = end == kOpen;
-           if (options.cap_frames) end = kMostFrames;
-           if (first < 0 || end - first < 2 || end > kMostFrames)
-             throw CLI::ValidationError(
-                 "--frames", "'" + text + "' must be two frames or more of 0:" + std::to_string(kMostFrames));
+           if (options.cap_frames) end = kMaxFrames;
+           if (first < 0 || end - first < 2 || end > kMaxFrames)
+             throw CLI::ValidationError("--frames",
+                                        "'" + text + "' must be two frames or more of 0:" + std::to_string(kMaxFrames));
            options.first_frame = first;
            options.frames = end - first;
          },

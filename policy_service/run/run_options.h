@@ -14,7 +14,7 @@ namespace citylearn {
 
 /// --train, --evaluate, --frames, --max-steps, --curriculum, --environments, --lockstep, --observations, --wait.
 void add_task_options(CLI::App& app, PolicyServiceOptions& options);
-/// Those of a learner with actors: --window, --max-lag.
+/// Adds the options of a learner with actors: --window, --max-lag.
 void add_learner_options(CLI::App& app, PolicyServiceOptions& options);
 /// --steps, --time-limit, --stop-when, --checkpoint-every, --evaluate-every, --tasks, --controls.
 void add_length_options(CLI::App& app, PolicyServiceOptions& options);

@@ -26,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kMostSeeds = 1000;
+constexpr std::size_t kMaxSeeds = 1000;
 
 /// Throws Error unless the manifest of a finished seed agrees with the present options.
 void require_same_run(const std::string& folder, const PolicyServiceOptions& options) {
@@ -75,8 +75,8 @@ std::vector<std::uint64_t> parse_seeds(const std::string& text) {
     const std::uint64_t first = number(part.substr(0, dots));
     const std::uint64_t last = dots == std::string_view::npos ? first : number(part.substr(dots + 2));
     if (last < first) refuse("goes down");
-    if (last - first >= kMostSeeds || seeds.size() + (last - first) >= kMostSeeds)
-      refuse("has more than " + std::to_string(kMostSeeds) + " seeds");
+    if (last - first >= kMaxSeeds || seeds.size() + (last - first) >= kMaxSeeds)
+      refuse("has more than " + std::to_string(kMaxSeeds) + " seeds");
     for (std::uint64_t i = 0; i <= last - first; ++i) {
       if (!known.insert(first + i).second) refuse("names " + std::to_string(first + i) + " twice");
       seeds.push_back(first + i);

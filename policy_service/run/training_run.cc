@@ -240,9 +240,9 @@ void TrainingRun::execute() {
   save_newest();
   if (const BestCheckpoint* best = context_.records.best()) report_.best = best->figures();
   evaluation_.set_agent(trainer_->agent());
-  constexpr double kWorse = 0.02;
+  constexpr double kMargin = 0.02;
   if (const BestCheckpoint* best = context_.records.best();
-      best && best->figures() && (best->figures()->evaluation_spl || best->figures()->spl() > progress.spl + kWorse))
+      best && best->figures() && (best->figures()->evaluation_spl || best->figures()->spl() > progress.spl + kMargin))
     spdlog::info("the best checkpoint is of {}: {}", best->figures()->description(), best->path());
   const double here = std::max(seconds_since(since_), 1e-9);
   spdlog::info(
@@ -253,7 +253,7 @@ void TrainingRun::execute() {
       100 * std::max(0.0, 1 - (report_.inference + report_.update) / here));
 }
 
-/// A training environment begins anew: at the start, after a restart of its process, and with each generation.
+/// Begins a training environment anew: at the start, after a restart of its process, and with each generation.
 void LocalTrainingRun::enroll(EnvHandle& env) {
   const int slot = slots_.emplace(&env, static_cast<int>(slots_.size())).first->second;
   trainer_->add(slot, static_cast<int>(env.info.agents()), context_.experience_on(env.traversal()));
@@ -358,9 +358,9 @@ void LearnerRun::train() {
   context_.on_spin = [this] { server_->handle(); };
   context_.client.subscribe(/*observations=*/false, /*episodes=*/true);
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);
-  bool computing = false;  // by somebody who waits for messages no longer than compute() does
+  bool computing = false;  // by a caller that waits for messages no longer than compute() does
   while (!ended()) {
-    context_.spin(computing ? 0 * kStopCheck : kStopCheck);
+    context_.spin(computing ? 0 * kStopCheckInterval : kStopCheckInterval);
     const bool ready = server_->ready();
     computing = ready && compute && !compute(server_->batch());
     if (computing) continue;
@@ -385,9 +385,9 @@ void LearnerRun::train() {
 
 /// Says once when actors collect much more than updates take, as the agent then learns from what it did long ago.
 void LearnerRun::warn_of_lag() {
-  constexpr int kSettled = 20;  // updates
-  constexpr double kOld = 16;   // updates
-  if (warned_of_lag_ || report_.updates < kSettled || report_.policy_lag < kOld) return;
+  constexpr int kMinUpdates = 20;       // updates
+  constexpr double kMaxPolicyLag = 16;  // updates
+  if (warned_of_lag_ || report_.updates < kMinUpdates || report_.policy_lag < kMaxPolicyLag) return;
   warned_of_lag_ = true;
   spdlog::warn(
       "the agent learns from steps of parameters {:.0f} updates ago: actors have more agents than the {} trajectories "

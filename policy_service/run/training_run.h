@@ -18,8 +18,7 @@
 
 namespace citylearn {
 
-/// Trains one agent from its beginning, or from the newest checkpoint, to its end. Subclasses say where the samples
-/// come from.
+/// Trains one agent from the start, or from the newest checkpoint, to the end. Subclasses provide the samples.
 class TrainingRun {
  public:
   /// `context` and `evaluation` must outlive it.
@@ -98,8 +97,8 @@ class LearnerRun : public TrainingRun {
  public:
   using TrainingRun::TrainingRun;
   ~LearnerRun() override { context_.on_spin = nullptr; }
-  /// Where set, called with what the next update learns from until it returns true: the learner can then make the
-  /// update at once. It may wait for a moment.
+  /// If set, it is called with the data of the next update until it returns true: the learner can then make the update
+  /// at once. It may wait for a moment.
   std::function<bool(const Rollout&)> compute;
   /// Tells the actors that training is over and takes the env_services over. execute() does so at its end, but not when
   /// it was stopped: actors then wait for a learner that resumes.

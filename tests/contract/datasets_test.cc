@@ -21,7 +21,7 @@ std::unique_ptr<Dataset> create(const Entry& entry, const std::string& folder) {
   return entry.create(Parameters(entry.name, entry.parameters, {}), folder);
 }
 
-/// Whether it shows something without any data, as a generated city does.
+/// Returns false for a dataset that shows something without any data, as a generated city does.
 bool needs_data(const Entry& entry) {
   try {
     create(entry, "")->names();

@@ -40,7 +40,7 @@ class Learners : public ::testing::TestWithParam<const Entry*> {
     const auto& specs = entry().parameters;
     return std::any_of(specs.begin(), specs.end(), [&](const ParameterSpec& spec) { return spec.name == parameter; });
   }
-  /// Those of `values` that this learner knows.
+  /// Returns those of `values` that this learner knows.
   std::map<std::string, double> known(std::map<std::string, double> values) const {
     std::erase_if(values, [&](const auto& value) { return !has(value.first); });
     return values;
@@ -59,8 +59,7 @@ class Learners : public ::testing::TestWithParam<const Entry*> {
 INSTANTIATE_TEST_SUITE_P(Registered, Learners, ::testing::ValuesIn(LearnerRegistry::instance().entries()),
                          [](const auto& tested) { return tested.param->name; });
 
-/// What a network recommends for one learner alone names a learner that there is, and a parameter that it or the
-/// trainer has.
+/// A network's recommendation for one learner names a known learner, and a parameter that it or the trainer has.
 TEST_P(Learners, AreRecommendedParametersThatExist) {
   const std::vector<ParameterSpec> of_trainer = Trainer::parameter_specs();
   for (const auto* network : NetworkRegistry<float>::instance().entries()) {

@@ -32,7 +32,7 @@ class Pairs : public ::testing::TestWithParam<std::tuple<std::string, std::strin
       create_middleware(middleware_options(std::get<1>(GetParam()), kDomain, "reader"));
 
   /// Asks both until it holds.
-  bool eventually_both(const std::function<bool()>& condition, milliseconds patience = kPatience) {
+  bool eventually_both(const std::function<bool()>& condition, milliseconds patience = kMaxWait) {
     return eventually(
         [&] {
           for (Middleware* each : {writing_.get(), reading_.get()}) {
@@ -49,7 +49,7 @@ INSTANTIATE_TEST_SUITE_P(All, Pairs, ::testing::Combine(kVendors, kVendors), [](
   return std::get<0>(param_info.param) + "_to_" + std::get<1>(param_info.param);
 });
 
-/// What a monitor has said of this test's topic, once there are so many lines or the deadline has passed.
+/// Returns a monitor's lines about this test's topic, once there are so many or the deadline has passed.
 std::vector<std::string> faults(Middleware& middleware, std::size_t count) {
   std::vector<std::string> lines;
   const std::string begin = "topic " + topic(Profile::kState).name + ": ";

@@ -76,7 +76,7 @@ class AnyMiddleware : public ::testing::TestWithParam<std::string> {
   std::unique_ptr<Middleware> b = make("b");
 };
 
-/// Those that lose, repeat and reorder nothing once both sides know each other.
+/// The middlewares that lose, repeat and reorder nothing once both sides know each other.
 class FaithfulMiddleware : public AnyMiddleware {};
 
 const auto kFaithful = ::testing::Values("cyclonedds", "fastdds", "inprocess");
@@ -189,7 +189,7 @@ TEST_P(FaithfulMiddleware, WaitEndsWhenASampleComes) {
   ASSERT_TRUE(eventually(*a, [&] { return publisher->matched() == 1 && subscription->matched() == 1; }));
   std::thread writer([&] { publisher->publish(payload(1, 1)); });
   Bytes sample;
-  while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + kPatience));
+  while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + kMaxWait));
   writer.join();
   EXPECT_EQ(number_of(sample), 1u);
 }
@@ -201,7 +201,7 @@ TEST_P(FaithfulMiddleware, WaitIsTrueWhileSomethingIsLeft) {
   for (std::uint32_t number = 0; number < 10; ++number) publisher->publish(payload(1, number));
   Bytes sample;
   for (std::uint32_t number = 0; number < 10; ++number) {
-    while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + kPatience));
+    while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + kMaxWait));
     EXPECT_EQ(number_of(sample), number);
   }
   EXPECT_FALSE(subscription->take(sample));

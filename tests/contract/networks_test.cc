@@ -110,7 +110,7 @@ TEST_P(Networks, DifferentiateWhatTheyCompute) {
   }
 }
 
-/// What several agents see may stand once or several times: it is the same.
+/// It makes no difference whether what several agents see stands once or several times.
 TEST_P(Networks, DoNotCareWhatIsShared) {
   const NetworkInputs<double> shared = some_inputs(task, task.frames), apart = some_inputs(task, task.frames, false);
   ASSERT_LT(shared.distinct, apart.distinct);

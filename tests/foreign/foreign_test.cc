@@ -20,7 +20,7 @@ struct Result {
   double completed = -1, spl = -1;
 };
 
-/// What the learner printed, by "traversal" or "traversal, shuffled".
+/// Returns what the learner printed, by "traversal" or "traversal, shuffled".
 std::map<std::string, Result> results(const std::string& output) {
   std::map<std::string, Result> found;
   for (const std::string& line : lines_of(output)) {
@@ -49,13 +49,13 @@ TEST_P(Foreign, LearnsFromOurEnvServicesAndLeavesTheBlindControlBehind) {
   Trial run(GetParam());
   const auto summer = run.env("summer"), fall = run.env("fall");
   const auto foreign = learner(run, {"--evaluate", "summer"});
-  ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output() << fall->output();
+  ASSERT_EQ(foreign->wait(kLongWait), 0) << foreign->output() << fall->output();
   const std::map<std::string, Result> found = results(foreign->output());
   ASSERT_EQ(found.size(), 4u) << foreign->output();
   // The env_services are free for the next one.
   const auto blind = run.policy({"--mode", "evaluate", "--agent", "blind", "--max-steps", "96", "--tasks", "300",
                                  "--evaluate", "summer,fall", "--output", run.folder() / "blind"});
-  ASSERT_EQ(blind->wait(kLong), 0) << blind->output();
+  ASSERT_EQ(blind->wait(kLongWait), 0) << blind->output();
   const Json controls = Json::parse(contents(run.folder() / "blind/summary.json"))["evaluate"];
   for (const std::string traversal : {"summer", "fall"}) {
     const Result& result = found.at(traversal);
@@ -73,7 +73,7 @@ TEST_P(Foreign, LearnsTheSameOverAWireThatLosesRepeatsAndReorders) {
     Trial run(middleware);
     const auto summer = run.env("summer"), fall = run.env("fall");
     const auto foreign = learner(run, {"--tasks", "50", "--ticks", "400", "--frames", "64"});
-    ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output();
+    ASSERT_EQ(foreign->wait(kLongWait), 0) << foreign->output();
     said[middleware] = foreign->output();
     const std::map<std::string, Result> found = results(foreign->output());
     ASSERT_TRUE(found.contains("fall")) << foreign->output();
@@ -88,12 +88,12 @@ TEST_P(Foreign, WelcomesAnEnvServiceBackAndAcknowledgesEveryEpisode) {
   auto summer = run.env("summer");
   const auto fall = run.env("fall");
   const auto foreign = learner(run, {"--ticks", "10000"});
-  ASSERT_TRUE(summer->says("training", kLong)) << summer->output();
+  ASSERT_TRUE(summer->says("training", kLongWait)) << summer->output();
   summer->send(SIGKILL);
   summer->wait(seconds(5));
   ASSERT_EQ(results(foreign->output()).size(), 0u) << "it had finished before";
   summer = run.env("summer");
-  ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output();
+  ASSERT_EQ(foreign->wait(kLongWait), 0) << foreign->output();
   EXPECT_EQ(results(foreign->output()).size(), 2u) << foreign->output();
   for (Service* env : {summer.get(), fall.get()}) {
     ASSERT_EQ(env->end(SIGTERM, seconds(5)), 0);

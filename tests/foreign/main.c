@@ -9,7 +9,7 @@
 
 #include "session.h"
 
-enum { kBack = 0, kHere = 1, kAhead = 2, kMoves = 3 };  // where an action may lead
+enum { kMaxRestart = 0, kHere = 1, kAhead = 2, kMoves = 3 };  // where an action may lead
 
 typedef struct Agent {
   int place, action;  // at the observation before; the action kept up while exploring
@@ -154,7 +154,7 @@ static void navigate(void* context, const EnvService* env, const citylearn_msg_O
     correct(self, belief, seen->features._buffer + (size_t)i * seen->feature_dimension, goal);
     double before = 0;
     for (int place = 0; place < goal; ++place) before += belief[place];
-    const int wanted = before > 0.5 ? kAhead : kBack;
+    const int wanted = before > 0.5 ? kAhead : kMaxRestart;
     double best = -1;
     for (int action = 0; action < kActions; ++action) {
       if (!allowed(seen, i, action)) continue;
@@ -281,7 +281,7 @@ int main(int count, char** arguments) {
   estimate(&self);
   printf("%s: %lu observations of %u agents; next leads ahead in %.1f %%, previous back in %.1f %% of the cases\n",
          train, (unsigned long)self.ticks, training_env->agents, 100 * self.chance[kNext][kAhead],
-         100 * self.chance[kPrevious][kBack]);
+         100 * self.chance[kPrevious][kMaxRestart]);
 
   settings.task_mode = citylearn_msg_EVALUATE;
   settings.tasks = (uint32_t)tasks;

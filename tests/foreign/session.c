@@ -12,7 +12,7 @@
 
 enum { kMaxEnvServices = 32 };
 
-static const int64_t kSettingsAgain = DDS_MSECS(100);
+static const int64_t kSettingsResendInterval = DDS_MSECS(100);
 static const int64_t kRefused = DDS_SECS(10);  // without confirmation of settings
 static const int64_t kSilence = DDS_SECS(30);  // of an env_service that is not idle
 static const int64_t kGone = DDS_SECS(3);      // a process that was silent for so long counts as gone,
@@ -208,7 +208,7 @@ static EnvService* sender(Session* session, const citylearn_msg_Header* header) 
 static void send_settings(Session* session, EnvService* env) {
   stamp(session, &env->settings.header, ++session->sent_settings);
   require(dds_write(env->task_settings, &env->settings), "send settings");
-  env->next_settings = dds_time() + kSettingsAgain;
+  env->next_settings = dds_time() + kSettingsResendInterval;
 }
 
 void session_command(Session* session, EnvService* env, citylearn_msg_TaskSettings settings, const Policy* policy) {

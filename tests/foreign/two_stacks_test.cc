@@ -46,8 +46,8 @@ class Stacks : public VendorTest {
     msg::TraversalInfo info;
     const auto spin = [&] { node.wait(Clock::now() + milliseconds(20)); };
     ASSERT_TRUE(eventually(
-        spin, [&] { return node.take(info); }, kLong));
-    ASSERT_TRUE(env.says(": training", kLong)) << env.output() << learner.output();
+        spin, [&] { return node.take(info); }, kLongWait));
+    ASSERT_TRUE(env.says(": training", kLongWait)) << env.output() << learner.output();
     env.end(SIGKILL, seconds(5));
     info.header().incarnation() -= 3'600'000'000;  // microseconds
     info.settings() = msg::SettingsId();
@@ -97,7 +97,7 @@ TEST_P(RustPeer, ARestartWithTheClockSetBackIsHeard) {
 TEST_P(RustPeer, LearnsAndRecordsEveryEpisode) {
   const auto env = run_.env("summer");
   const auto rust = in_rust("rust");
-  ASSERT_EQ(rust->wait(kLong), 0) << rust->output() << env->output();
+  ASSERT_EQ(rust->wait(kLongWait), 0) << rust->output() << env->output();
   double spl = 0;
   const std::string said = rust->output();
   ASSERT_EQ(std::sscanf(said.substr(said.find("SPL")).c_str(), "SPL %lf", &spl), 1) << said;
@@ -110,7 +110,7 @@ TEST_P(RustPeer, TwoAtOnceTakeTurns) {
   const auto env = run_.env("summer");
   const auto c = in_c({"--ticks", "500"}), one = in_rust("one-1"), two = in_rust("two.2");
   for (Service* learner : {c.get(), one.get(), two.get()})
-    ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << env->output();
+    ASSERT_EQ(learner->wait(kLongWait), 0) << learner->output() << env->output();
   ASSERT_EQ(env->end(SIGTERM, seconds(5)), 0);
   const std::string log = env->output();
   EXPECT_EQ(intrusion(log), "") << log;
@@ -123,7 +123,7 @@ TEST_P(RustPeer, TwoRecordEveryEpisodeOnce) {
   const auto one = in_rust("one"), two = in_rust("two");
   std::vector<std::string> episodes;
   for (Service* learner : {one.get(), two.get()})
-    ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << env->output();
+    ASSERT_EQ(learner->wait(kLongWait), 0) << learner->output() << env->output();
   ASSERT_EQ(env->end(SIGTERM, seconds(5)), 0);
   for (const std::string id : {"one", "two"})
     for (const std::string& line : lines_of(contents(run_.folder() / (id + ".csv")))) episodes.push_back(line);
@@ -138,14 +138,14 @@ TEST_P(RustPeer, TwoRecordEveryEpisodeOnce) {
 TEST_P(RustPeer, TheOneThatSleptWaitsForTheOther) {
   const auto env = run_.env("summer");
   const auto c = in_c({"--ticks", "20000"});
-  ASSERT_TRUE(env->says("of 'foreign': training", kLong)) << env->output() << c->output();
+  ASSERT_TRUE(env->says("of 'foreign': training", kLongWait)) << env->output() << c->output();
   c->send(SIGSTOP);
   const auto rust = in_rust("rust");
-  ASSERT_TRUE(env->says("policy_service 'rust' takes over from 'foreign', which was last heard", kLong))
+  ASSERT_TRUE(env->says("policy_service 'rust' takes over from 'foreign', which was last heard", kLongWait))
       << env->output();
   c->send(SIGCONT);
-  ASSERT_EQ(rust->wait(kLong), 0) << rust->output() << env->output();
-  ASSERT_EQ(c->wait(kLong), 0) << c->output() << env->output();
+  ASSERT_EQ(rust->wait(kLongWait), 0) << rust->output() << env->output();
+  ASSERT_EQ(c->wait(kLongWait), 0) << c->output() << env->output();
   EXPECT_TRUE(contains(c->output(), "was taken over by another policy_service")) << c->output();
   EXPECT_EQ(intrusion(env->output()), "") << env->output();
 }

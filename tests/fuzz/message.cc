@@ -90,8 +90,7 @@ const std::map<std::string, MessageTarget>& message_targets() {
     testing::for_each_message([&]<class Message>() {
       const std::string& topic = topic_of<Message>().name;
       MessageTarget& target = all[topic.substr(topic.find('/') + 1)];
-      const auto least = testing::sample_of<Message>(Size::kLeast),
-                 typical = testing::sample_of<Message>(Size::kTypical);
+      const auto least = testing::sample_of<Message>(Size::kMin), typical = testing::sample_of<Message>(Size::kTypical);
       target.seeds = {{"least", testing::encoded(least)},
                       {"typical", testing::encoded(typical)},
                       {"big-endian", big_endian(typical)}};

@@ -12,7 +12,7 @@ namespace citylearn::fuzz {
 
 /// One type of message: what it begins with, and what must hold whatever the bytes are.
 struct MessageTarget {
-  /// By name: bytes that are taken, of either byte order and of all but the largest size.
+  /// Valid messages by name, in either byte order and all sizes but the largest.
   std::map<std::string, Bytes> seeds;
   /// Tells whether the bytes were taken.
   std::function<bool(Input)> run;

@@ -28,13 +28,13 @@ bool dataset_folder(Input input);
 bool feature_store(Input input);
 /// An image file: its header, image_fault(), and decoded when it has at most 2 megapixels.
 bool picture(Input input);
-/// What encoders read beside pictures; the first byte chooses: a reduction, the head of NetVLAD, the frame of an ONNX
-/// model (the model itself is OpenCV's to read).
+/// Reads what encoders read beside pictures. The first byte chooses: a reduction, the head of NetVLAD, the frame of an
+/// ONNX model (the model itself is OpenCV's to read).
 bool encoder_file(Input input);
 /// A recording: all its messages, their headers, and those changed to another run. Taken when it is whole.
 bool mcap_file(Input input);
-/// What a browser says to the dashboard: the target of a request, then lines Host, Origin, Authorization and Cookie,
-/// then the message of a WebSocket. Taken when the API has an answer.
+/// Reads what a browser sends to the dashboard: the target of a request, then lines Host, Origin, Authorization and
+/// Cookie, then the message of a WebSocket. Returns true when the API has an answer.
 bool web_request(Input input);
 /// A run of TensorBoard or W&B that is imported. The first byte chooses: an event file, an event of one, a file of W&B,
 /// a record of one. Taken when it is whole and has points.

@@ -48,7 +48,7 @@ int main(int argc, char** argv) try {
   Tape tape(argv[1], options);
   nlohmann::json messages = nlohmann::json::array();
   std::uint64_t time = 1'700'000'000'000'000'000;
-  for (const Size size : {Size::kLeast, Size::kTypical})
+  for (const Size size : {Size::kMin, Size::kTypical})
     for_each_message([&]<class Message>() {
       const Message message = sample_of<Message>(size);
       tape.say(message, ++time);

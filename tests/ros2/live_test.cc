@@ -95,7 +95,7 @@ TEST_P(TeachAndRepeat, TaughtInSummerItArrivesInFallAndRain) {
   const auto summer = trial_.env("summer", {"--dataset", "plain", "--data", trial_.folder() / "route"});
   auto encoder = trial_.encoder({"--reference", "summer"});
   const auto training = trial_.train(40, "out", {"--place_filter-slip", "0.2"});
-  ASSERT_EQ(training->wait(kLong), 0) << training->output() << encoder->output();
+  ASSERT_EQ(training->wait(kLongWait), 0) << training->output() << encoder->output();
 
   std::vector<std::unique_ptr<Service>> robots, lives;
   Arguments more = nodes();
@@ -107,12 +107,13 @@ TEST_P(TeachAndRepeat, TaughtInSummerItArrivesInFallAndRain) {
   const auto policy = trial_.policy({"--mode", "evaluate", "--checkpoint", trial_.folder() / "out/checkpoints/best.clk",
                                      "--evaluate", "live-fall,live-rain", "--tasks", std::to_string(kGoals),
                                      "--max-steps", "60", "--output", trial_.folder() / "repeat"});
-  ASSERT_TRUE(lives[0]->says("evaluation tasks 2..3", kLong)) << lives[0]->output() << policy->output();
+  ASSERT_TRUE(lives[0]->says("evaluation tasks 2..3", kLongWait)) << lives[0]->output() << policy->output();
   encoder->send(SIGKILL);  // on the way
-  ASSERT_TRUE(policy->says("encoder_service 'encoder', which encodes for it, is silent", kLong)) << policy->output();
+  ASSERT_TRUE(policy->says("encoder_service 'encoder', which encodes for it, is silent", kLongWait))
+      << policy->output();
   encoder = trial_.encoder({"--reference", "summer"});
-  ASSERT_EQ(policy->wait(3 * kLong), 0) << policy->output() << lives[0]->output() << lives[1]->output()
-                                        << encoder->output() << robots[0]->output() << robots[1]->output();
+  ASSERT_EQ(policy->wait(3 * kLongWait), 0) << policy->output() << lives[0]->output() << lives[1]->output()
+                                            << encoder->output() << robots[0]->output() << robots[1]->output();
   const auto summary = nlohmann::json::parse(contents(trial_.folder() / "repeat/summary.json"));
   ASSERT_EQ(summary["evaluate"].size(), 2u) << summary;
   double arrived = 0;
@@ -210,7 +211,7 @@ TEST_P(TeachAndRepeat, NodesSendItToGoals) {
   EXPECT_TRUE(person.hears("arrived 2")) << person.heard() << env->output();
   person.send_to(3);
   EXPECT_TRUE(person.hears("arrived 3")) << person.heard() << env->output();
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << env->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << env->output();
   const auto summary = nlohmann::json::parse(contents(trial_.folder() / "repeat/summary.json"));
   EXPECT_EQ(summary["evaluate"]["live-summer"]["completed"], 0.75) << summary;
 }

@@ -34,7 +34,7 @@ namespace {
 using namespace citylearn;
 using namespace citylearn::simulation;
 
-constexpr unsigned kPatience = 600;  // real seconds that a simulation may take
+constexpr unsigned kTimeout = 600;  // real seconds that a simulation may take
 
 struct Options {
   std::uint64_t seed = 1;
@@ -46,7 +46,7 @@ struct Options {
   FewerFaults fewer;
 };
 
-/// What a simulation's process says to the one that started it.
+/// The report of a simulation's process to the one that started it.
 struct Report {
   bool failed = true;
   std::uint64_t trace = 0;
@@ -72,7 +72,7 @@ Report parse(const std::string& bytes, int status) {
   in.ignore();
   report.text = std::string(std::istreambuf_iterator<char>(in), {});
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGALRM)
-    report.text = "  ended after " + std::to_string(kPatience) + " s of real time: it hangs, or the machine is busy\n";
+    report.text = "  ended after " + std::to_string(kTimeout) + " s of real time: it hangs, or the machine is busy\n";
   else if (bytes.empty())
     report.text = "  the simulation crashed (status " + std::to_string(status) + ")\n";
   return report;
@@ -171,7 +171,7 @@ class Play {
     process_ = ::fork();
     if (process_ < 0) throw Error(std::strerror(errno), "fork");
     if (process_ == 0) {
-      ::alarm(kPatience);
+      ::alarm(kTimeout);
       stay_on_one_processor(count);
       const std::string report = serialize(play_here(scenario, log));
       const bool whole = ::write(ends[1], report.data(), report.size()) == static_cast<ssize_t>(report.size());

@@ -54,7 +54,7 @@ TEST(Simulation, KeepsAllInvariantsWhateverGoesWrong) {
   EXPECT_EQ(output.status, 0) << output.text;
 }
 
-/// What an env_service and an actor are sent does not depend on how many others there are.
+/// The messages that an env_service and an actor get do not depend on how many others there are.
 TEST(Simulation, AMessageReachesAsManyServicesHoweverManyHostsThereAre) {
   for (const int hosts : {1, 4}) {
     const Output output = simulate("--hosts " + std::to_string(hosts) + " 2>/dev/null");

@@ -11,7 +11,7 @@
 
 namespace citylearn::testing {
 
-/// What this process logs while it lives.
+/// Records what this process logs while the object lives.
 class Log {
  public:
   Log() : sink_(std::make_shared<Sink>()), before_(spdlog::default_logger()) {

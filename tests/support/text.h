@@ -11,20 +11,20 @@
 
 namespace citylearn::testing {
 
-/// Whether `part` stands somewhere in `text`; a failure shows the text.
+/// Returns whether `part` stands somewhere in `text`; a failure shows the text.
 inline ::testing::AssertionResult contains(const std::string& text, const std::string& part) {
   const bool found = text.find(part) != text.npos;
   return (found ? ::testing::AssertionSuccess() : ::testing::AssertionFailure())
          << (found ? "'" : "no '") << part << "' in '" << text << "'";
 }
 
-/// Whether `text` is one line that contains `part`.
+/// Returns whether `text` is one line that contains `part`.
 inline ::testing::AssertionResult holds(const std::string& text, const std::string& part) {
   if (text.find('\n') != text.npos) return ::testing::AssertionFailure() << "more than a line: " << text;
   return contains(text, part);
 }
 
-/// How often `part` stands in `text`.
+/// Returns how often `part` stands in `text`.
 inline int occurrences(const std::string& text, const std::string& part) {
   int count = 0;
   for (std::size_t at = text.find(part); at != text.npos; at = text.find(part, at + part.size())) ++count;

@@ -19,12 +19,12 @@ inline constexpr int kSlowness = 4;
 inline constexpr int kSlowness = 1;
 #endif
 
-inline constexpr seconds kPatience{20 * kSlowness};  ///< a loaded machine is slow, a broken one is never right
+inline constexpr seconds kMaxWait{20 * kSlowness};  ///< a loaded machine is slow, a broken one is never right
 
 /// Asks `condition` again and again, with a `turn` of something that waits for a short while in between; false when it
 /// never came true.
 inline bool eventually(const std::function<void()>& turn, const std::function<bool()>& condition,
-                       milliseconds patience = kPatience) {
+                       milliseconds patience = kMaxWait) {
   const Clock::time_point deadline = Clock::now() + patience;
   while (!condition()) {
     if (Clock::now() >= deadline) return false;
@@ -34,7 +34,7 @@ inline bool eventually(const std::function<void()>& turn, const std::function<bo
 }
 
 inline bool eventually(Middleware& middleware, const std::function<bool()>& condition,
-                       milliseconds patience = kPatience) {
+                       milliseconds patience = kMaxWait) {
   return eventually([&] { middleware.wait(Clock::now() + milliseconds(5)); }, condition, patience);
 }
 

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr seconds kLong{120};
+constexpr seconds kLongWait{120};
 
 /// A demo in a process group of its own, as a terminal starts it; whatever is left of it ends with the test.
 class Demo {
@@ -43,7 +43,7 @@ class Demo {
   /// A signal to all processes of the demo, as Ctrl-C sends it.
   void interrupt() const { ::kill(-group_, SIGINT); }
   const std::string& output() const { return output_; }
-  /// What `./run` says to a command, run where this demo runs.
+  /// Returns what `./run` prints for a command, in this demo's folder.
   std::string run(const std::string& command, const std::string& environment = "") const {
     return shell(environment + " CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR " CITYLEARN_RUNS='" + (folder_ / "all runs") +
                  "' " + CITYLEARN_SOURCE_DIR "/run " + command + " 2>&1 || true");
@@ -58,9 +58,9 @@ class Demo {
 
 /// Waits until the agent learns, and checks that every service of a run with images is there.
 void expect_training(Demo& demo, Witness& witness) {
-  ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLong)) << demo->output();
+  ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLongWait)) << demo->output();
   for (const char* id : {"env-summer", "encoder", "policy", "dashboard"})
-    ASSERT_TRUE(witness.until([&] { return witness.status.contains(id); }, kLong)) << id << demo->output();
+    ASSERT_TRUE(witness.until([&] { return witness.status.contains(id); }, kLongWait)) << id << demo->output();
 }
 
 void expect_none_left(const Witness& witness) {
@@ -72,7 +72,7 @@ const Arguments kEndless = {"--evaluate", "summer", "--steps", "1000000000"};
 
 TEST(Demo, PrintsItsTable) {
   Demo demo({"--evaluate", "summer,fall", "--steps", "2048", "--tasks", "4", "--no-dashboard"});
-  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   // SPL of the agent, shuffled, and the controls by name, of which shortest_path is the last.
   for (const char* row :
        {"traversal +filter +shuffled +blind", "fall( +[0-9]\\.[0-9]{3}){5} +1\\.000", "summer +[0-9]\\."})
@@ -90,7 +90,7 @@ TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
     make_file(data / (name + ".csv"), table);
   }
   Demo demo({"--data", data.path(), "--steps", "1024", "--tasks", "4", "--agent", "features", "--no-dashboard"});
-  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   for (const char* row : {"my_drive +[0-9.]+ ", "the_other__drive +[0-9.]+ "})
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
 }
@@ -110,7 +110,7 @@ TEST(Demo, TakesParametersOfDatasetsAndEncodersAndAShortRoute) {
   Demo demo({"--data", data.path(), "--dataset", "kitti", "--kitti-camera", "0", "--encoder", "hog",
              "--hog-cells-across=4", "--steps", "512", "--tasks", "4", "--no-dashboard"},
             own_domain(), {});
-  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   EXPECT_TRUE(contains(demo->output(), "--frames is 0:12 instead of 0:128")) << demo->output();
   EXPECT_TRUE(contains(contents(demo.output() + "/logs/encoder.log"), "--dimension is 11 instead of 64"));
   EXPECT_TRUE(contains(demo->output(), "2011_09_26_drive_0001_sync")) << demo->output();
@@ -130,7 +130,7 @@ TEST(Demo, TrainsOnRangesOfALaser) {
   Demo demo({"--data", data.path(), "--dataset", "kitti", "--kitti-ranges", "8", "--steps", "512", "--tasks", "4",
              "--no-dashboard"},
             own_domain(), {});
-  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   EXPECT_FALSE(fs::exists(demo.output() + "/logs/encoder.log"));
   EXPECT_TRUE(contains(demo->output(), "2011_09_26_drive_0001_sync")) << demo->output();
   EXPECT_TRUE(contains(demo->output(), "12 frames x 8 features")) << demo->output();
@@ -165,7 +165,7 @@ TEST(Demo, IsFoundByToolsWhileItRuns) {
 
 TEST(Demo, IsRepeatedWithOtherOptions) {
   Demo demo({"--evaluate", "summer", "--steps", "1024", "--tasks", "4", "--no-dashboard"});
-  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   const std::string again =
       demo.run("again '" + demo.output() + "' --seed 2 --tasks 5", "CITYLEARN_DOMAIN=" + std::to_string(own_domain()));
   EXPECT_TRUE(contains(again, "seed 2")) << again;

@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr seconds kSoon{30};
+constexpr seconds kShortWait{30};
 
 class Encoding : public VendorTest {};
 CITYLEARN_EACH_VENDOR(Encoding);
@@ -24,7 +24,7 @@ TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
   const auto encoder = run.encoder({});
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "16384", "--output", run.folder() / "out",
                                   "--tasks", "300", "--evaluate", "summer,fall", "--controls", "all"});
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
   const Json summary = Json::parse(contents(run.folder() / "out/summary.json"));
   EXPECT_GT(summary["evaluate"]["summer"]["spl"], 0.9);
   EXPECT_EQ(summary["controls"]["shortest_path"]["fall"]["spl"], 1.0);
@@ -33,8 +33,8 @@ TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
   EXPECT_EQ(encoder->end(SIGTERM, seconds(5)), 0) << encoder->output();
   EXPECT_TRUE(encoder->says("256 frames encoded", seconds(1))) << encoder->output();
   const auto second = run.encoder({});
-  ASSERT_TRUE(second->says("summer: ready", kSoon)) << second->output();
-  ASSERT_TRUE(second->says("fall: ready", kSoon)) << second->output();
+  ASSERT_TRUE(second->says("summer: ready", kShortWait)) << second->output();
+  ASSERT_TRUE(second->says("fall: ready", kShortWait)) << second->output();
   ASSERT_EQ(second->end(SIGTERM, seconds(5)), 0);
   EXPECT_TRUE(second->says(" 0 frames encoded", seconds(1))) << second->output();
 }
@@ -45,14 +45,14 @@ TEST_P(Encoding, WhatARunLeavesIsExportedFromPictureToAction) {
   const auto encoder = run.encoder({"--encoder", "patchnorm", "--patchnorm-width", "48", "--dimension", "32"});
   const auto policy =
       run.policy({"--agent", "features", "--steps", "2048", "--output", run.folder() / "out", "--tasks", "16"});
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
   const std::string checkpoint = run.folder() / ("out/checkpoints/" + run.checkpoint("out").first);
   const auto exported = [&](const Arguments& more) {
     Arguments command = {CITYLEARN_EXPORT, "--checkpoint",          checkpoint,  "--store", run.folder() / "store",
                          "--output",       run.folder() / "a.onnx", "--picture", "160x96"};
     command.insert(command.end(), more.begin(), more.end());
     Service program(command, run.folder() / "export.log");
-    const auto status = program.wait(kSoon);
+    const auto status = program.wait(kShortWait);
     return std::pair{status.value_or(-1), program.output()};
   };
   const auto [status, output] = exported({"--patchnorm-width", "48"});
@@ -75,19 +75,19 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
     return run.policy(more);
   };
   const auto filter = with({"--mode", "evaluate", "--agent", "sequence_filter"}, "filter");
-  ASSERT_EQ(filter->wait(kLong), 0) << filter->output() << encoder->output();
+  ASSERT_EQ(filter->wait(kLongWait), 0) << filter->output() << encoder->output();
   const Json seen = Json::parse(contents(run.folder() / "filter/summary.json"))["evaluate"]["summer"];
   EXPECT_EQ(seen["completed"], 1.0);
   EXPECT_GT(seen["spl"], 0.95);
   const auto whole =
       with({"--mode", "evaluate", "--agent", "blind", "--observations", "whole", "--wait", "3"}, "whole");
-  EXPECT_EQ(whole->wait(kLong), 1) << whole->output();
+  EXPECT_EQ(whole->wait(kLongWait), 1) << whole->output();
   EXPECT_TRUE(contains(whole->output(), "16 agents x 21168 do not fit one observation"));
   // In the middle of a training the encoder_service is killed: the features are here, nobody misses it.
   const auto training = with({"--agent", "place_filter", "--steps", "8192", "--checkpoint-every", "1"}, "out");
-  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << training->output();
+  ASSERT_TRUE(run.has_checkpoint("out", kLongWait)) << training->output();
   encoder->send(SIGKILL);
-  ASSERT_EQ(training->wait(kLong), 0) << training->output();
+  ASSERT_EQ(training->wait(kLongWait), 0) << training->output();
   EXPECT_EQ(Json::parse(contents(run.folder() / "out/summary.json"))["train"]["steps"], 8192);
 }
 
@@ -101,21 +101,21 @@ void expect_two_to_share_the_work(const std::string& middleware, bool common_sto
   };
   const auto one = start("one"), two = start("two");
   for (const auto* encoder : {one.get(), two.get()})
-    ASSERT_TRUE(encoder->says("takes part", kSoon)) << encoder->output();
+    ASSERT_TRUE(encoder->says("takes part", kShortWait)) << encoder->output();
   const auto summer = run.env("summer", drawn);
   const auto policy = run.train(600, "out");
-  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output() << one->output() << two->output();
+  ASSERT_TRUE(run.has_checkpoint("out", kLongWait)) << policy->output() << one->output() << two->output();
   // The one that serves goes; the other one has all it needs.
   const auto serves = [](const Service& encoder) {
     return occurrences(encoder.output(), "serves 'env-summer'") > occurrences(encoder.output(), "leaves 'env-summer'");
   };
-  ASSERT_TRUE(poll_until([&] { return serves(*one) != serves(*two); }, kSoon)) << one->output() << two->output();
+  ASSERT_TRUE(poll_until([&] { return serves(*one) != serves(*two); }, kShortWait)) << one->output() << two->output();
   const auto& serving = serves(*one) ? one : two;
   const auto& other = serves(*one) ? two : one;
-  ASSERT_TRUE(other->says("summer: ready", kSoon)) << other->output();
+  ASSERT_TRUE(other->says("summer: ready", kShortWait)) << other->output();
   ASSERT_EQ(serving->end(SIGKILL, seconds(5)), 128 + SIGKILL);
-  ASSERT_TRUE(poll_until([&] { return serves(*other); }, kSoon)) << other->output();
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << other->output();
+  ASSERT_TRUE(poll_until([&] { return serves(*other); }, kShortWait)) << other->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << other->output();
   const int by_serving = number_before(serving->output(), " of them now"),
             by_other = number_before(other->output(), " of them now");
   EXPECT_EQ(by_serving + by_other, 640) << "each frame once: " << by_serving << " + " << by_other;
@@ -135,14 +135,14 @@ TEST(EncodingInParts, OneOfThreeIsKilledAndItsUnfinishedBlocksAloneAreEncodedAga
   std::vector<std::unique_ptr<Service>> encoders;
   for (const char* id : {"one", "two", "three"}) encoders.push_back(run.encoder({"--id", id, "--store", "none"}));
   for (const auto& encoder : encoders)
-    ASSERT_TRUE(poll_until([&] { return occurrences(encoder->output(), "takes part") == 2; }, kSoon));
+    ASSERT_TRUE(poll_until([&] { return occurrences(encoder->output(), "takes part") == 2; }, kShortWait));
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:1000"});
-  ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= 100; }, kLong));
+  ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= 100; }, kLongWait));
   ASSERT_EQ(encoders[0]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   int encoded = watch.encoded("one");
   EXPECT_LT(encoded, 900) << "it had finished before";
   for (std::size_t i = 1; i < encoders.size(); ++i) {
-    ASSERT_TRUE(encoders[i]->says("summer: ready", kLong)) << encoders[i]->output();
+    ASSERT_TRUE(encoders[i]->says("summer: ready", kLongWait)) << encoders[i]->output();
     const int own = number_before(encoders[i]->output(), " of them now");
     EXPECT_EQ(own + number_before(encoders[i]->output(), " by others"), 1000) << encoders[i]->output();
     encoded += own;
@@ -154,12 +154,12 @@ TEST(EncodingInParts, KilledInTheMiddleItLosesNothing) {
   Trial run("cyclonedds");
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--synthetic-frames", "4000"});
   auto encoder = run.encoder({"--encoder", "vlad"});
-  ASSERT_TRUE(encoder->says("frames encoded, ", kLong)) << encoder->output();  // its progress, with the time left
+  ASSERT_TRUE(encoder->says("frames encoded, ", kLongWait)) << encoder->output();  // its progress, with the time left
   ASSERT_EQ(encoder->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   const int seen = number_before(encoder->output(), " of 4000 frames encoded, ");
   ASSERT_GT(seen, 0) << encoder->output();
   encoder = run.encoder({"--encoder", "vlad"});
-  ASSERT_TRUE(encoder->says("were encoded before", kSoon)) << encoder->output();
+  ASSERT_TRUE(encoder->says("were encoded before", kShortWait)) << encoder->output();
   EXPECT_GE(number_before(encoder->output(), " of 4000 frames were encoded before"), seen) << encoder->output();
   EXPECT_EQ(encoder->end(SIGINT, seconds(5)), 0) << encoder->output();
 }

@@ -25,13 +25,13 @@ class EnvProcess : public ::testing::Test {
     make_file(folder_ / name, text);
     return folder_ / name;
   }
-  /// What it prints; it must end by itself with `status`.
+  /// Returns what it prints; it must end by itself with `status`.
   std::string output(const Arguments& arguments, int status) const {
     const auto service = start(arguments);
     EXPECT_EQ(service->wait(seconds(10)), status);
     return service->output();
   }
-  /// Its one line, less the program's name.
+  /// Returns its one line, without the program's name.
   std::string complaint(const Arguments& arguments, int status = 1) const {
     const std::string text = output(arguments, status);
     EXPECT_EQ(occurrences(text, "\n"), 1) << text;

@@ -156,7 +156,7 @@ TEST_P(EnvProtocol, AnotherPolicyWaitsUntilTheFirstIsGone) {
   other.walker = &blind_;
   other.command(settings(msg::TRAIN, 16, 64));
   const auto both = [&](const std::function<bool()>& condition) {
-    return eventually([&] { policy_->spin(), other.spin(); }, condition, kPatience);
+    return eventually([&] { policy_->spin(), other.spin(); }, condition, kMaxWait);
   };
   const Clock::time_point end = Clock::now() + kHandover + seconds(1);
   ASSERT_TRUE(both([&] { return Clock::now() > end; }));
@@ -184,7 +184,7 @@ TEST_P(EnvProtocol, APolicyWhoseClockWasSetBackTakesOver) {
         policy_->node.forward(earlier);
         policy_->spin();
       },
-      [&] { return same(policy_->info.settings(), earlier.settings()); }, kPatience));
+      [&] { return same(policy_->info.settings(), earlier.settings()); }, kMaxWait));
 }
 
 TEST_P(EnvProtocol, OlderSettingsAreIgnoredAndRepeatedOnesConfirmedAgain) {
@@ -252,7 +252,7 @@ TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
     return policy_->episodes.size() == count - part &&
            std::all_of(policy_->episodes.begin(), policy_->episodes.end(), newest);
   };
-  const Clock::time_point deadline = Clock::now() + kPatience;
+  const Clock::time_point deadline = Clock::now() + kMaxWait;
   while (!only_the_rest() && Clock::now() < deadline) {
     // The first copy that comes is kept: older ones make room for newer ones.
     std::erase_if(policy_->episodes, [&](const auto& entry) { return !newest(entry); });

@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using paper::Json;
 
-constexpr seconds kLong{600};
+constexpr seconds kLongWait{600};
 
 /// A folder, and ./run paper that writes into it.
 class PaperReport : public ::testing::Test {
@@ -35,7 +35,7 @@ class PaperReport : public ::testing::Test {
   /// Runs it to its end: what it says.
   std::string run(const std::vector<std::string>& more, int status = 0, const std::string& output = "report") const {
     Service program(command(more, output), folder_ / "log");
-    EXPECT_EQ(program.wait(kLong), status) << program.output();
+    EXPECT_EQ(program.wait(kLongWait), status) << program.output();
     return program.output();
   }
   std::string file(const std::string& name, const std::string& output = "report") const {
@@ -52,7 +52,7 @@ class PaperReport : public ::testing::Test {
   const Folder folder_;
 };
 
-/// Its part of the report, from its heading to the next.
+/// Returns a section's part of the report, from its heading to the next.
 std::string part(const std::string& html, const std::string& section) {
   const std::size_t begin = html.find("<h2 id=\"" + section + "\">");
   return begin == html.npos ? "" : html.substr(begin, html.find("<h2 ", begin + 1) - begin);
@@ -81,7 +81,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
 
   // Every section that there is, none empty.
   Service list({CITYLEARN_PAPER, "--list"}, folder_ / "list");
-  ASSERT_EQ(list.wait(kLong), 0);
+  ASSERT_EQ(list.wait(kLongWait), 0);
   int sections = 0;
   for (const std::string& line : lines_of(list.output())) {
     const std::string section = line.substr(0, line.find(' ')), text = part(html, section);
@@ -158,7 +158,7 @@ TEST_F(PaperReport, GoesOnWhereItWasStopped) {
   const std::vector<std::string> part = {"--only", "transfer"};
   {
     Service program(command(part), folder_ / "log");
-    ASSERT_TRUE(poll_until([&] { return !outcomes().empty(); }, kLong)) << program.output();
+    ASSERT_TRUE(poll_until([&] { return !outcomes().empty(); }, kLongWait)) << program.output();
     EXPECT_EQ(program.end(SIGINT, seconds(30)), 130);
     EXPECT_TRUE(contains(program.output(), "the same command goes on from here"));
   }
@@ -194,7 +194,7 @@ TEST_F(PaperReport, ShowsNoPictureOfRealRecordingsWhenAsked) {
                                    "--store", folder_ / "store", "--work", folder_ / "work"});
     command.insert(command.end(), more.begin(), more.end());
     Service program(command, folder_ / "log");
-    EXPECT_EQ(program.wait(kLong), 0) << program.output();
+    EXPECT_EQ(program.wait(kLongWait), 0) << program.output();
     return std::pair(part(file("report.html"), "figure-10"), Json::parse(file("manifest.json"))["files"]);
   };
   const auto [with, files_with] = report({});
@@ -225,7 +225,7 @@ TEST_F(PaperReport, WrongInputIsOneLine) {
   for (const auto& [arguments, word] : wrong) commands.push_back({command(arguments), word});
   for (const auto& [line, word] : commands) {
     Service program(line, folder_ / "log");
-    const auto status = program.wait(kLong);
+    const auto status = program.wait(kLongWait);
     EXPECT_TRUE(status == 1 || status == 2) << word;
     EXPECT_EQ(lines_of(program.output()).size(), 1u) << program.output();
     EXPECT_TRUE(contains(program.output(), word));

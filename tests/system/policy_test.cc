@@ -31,7 +31,7 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
   const auto summer = run.env("summer"), fall = run.env("fall");
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "4096", "--output", run.folder() / "out",
                                   "--tasks", "300", "--evaluate", "summer,fall", "--controls", "all", "--seed", "3"});
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
   const Json summary = Json::parse(contents(run.folder() / "out/summary.json"));
   EXPECT_EQ(summary["agent"], "place_filter");
   EXPECT_EQ(summary["middleware"], GetParam());
@@ -74,7 +74,7 @@ TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
   EXPECT_TRUE(waiting->end(SIGTERM, seconds(2)).has_value());
   const auto summer = run.env("summer");
   const auto policy = run.train(1000000, "out");
-  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  ASSERT_TRUE(run.has_checkpoint("out", kLongWait)) << policy->output();
   EXPECT_EQ(policy->end(SIGTERM, seconds(2)), 130);
   EXPECT_EQ(summer->end(SIGTERM, seconds(2)), 0);
 }
@@ -118,13 +118,13 @@ TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
     Trial run(middleware);
     const auto summer = run.env("summer");
     const auto policy = run.train(30, "out", {"--lockstep", "--seed", "5", "--observations", observations});
-    ASSERT_EQ(policy->wait(kLong), 0) << middleware << "\n" << policy->output();
+    ASSERT_EQ(policy->wait(kLongWait), 0) << middleware << "\n" << policy->output();
     bytes[middleware + " " + observations] = run.checkpoint("out").second;
   }
   {
     Trial run("inprocess");
     Service both({INPROCESS_RUN, run.folder() / "out"}, run.folder() / "log");
-    ASSERT_EQ(both.wait(kLong), 0) << both.output();
+    ASSERT_EQ(both.wait(kLongWait), 0) << both.output();
     bytes["inprocess"] = run.checkpoint("out").second;
   }
   ASSERT_FALSE(bytes["inprocess"].empty());
@@ -132,7 +132,7 @@ TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   Trial run("cyclonedds");
   const auto summer = run.env("summer");
   const auto policy = run.train(30, "out", {"--lockstep", "--seed", "6"});
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
   EXPECT_FALSE(run.checkpoint("out").second == bytes["inprocess"]) << "another seed is another run";
 }
 

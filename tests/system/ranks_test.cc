@@ -35,7 +35,7 @@ class Rank {
     const auto rows = metrics();
     return rows.empty() ? 0 : std::stoi(rows.back().at(0));
   }
-  bool reaches(int wanted, milliseconds patience = kLong) const {
+  bool reaches(int wanted, milliseconds patience = kLongWait) const {
     return poll_until([&] { return updates() >= wanted; }, patience);
   }
 
@@ -99,7 +99,7 @@ TEST_P(Sync, FixedRanksInLockstepLearnTheSameBytesTwice) {
   for (std::string& found : bytes) {
     Group group(2);
     group.start(40, {"--lockstep", "--sync", GetParam()});
-    for (const int rank : {0, 1}) ASSERT_EQ(group[rank].policy().wait(kLong), 0) << group[rank].policy().output();
+    for (const int rank : {0, 1}) ASSERT_EQ(group[rank].policy().wait(kLongWait), 0) << group[rank].policy().output();
     found = group[0].trial.checkpoint("out").second;
     EXPECT_EQ(group[1].trial.checkpoint("out").first, "") << "the lowest rank alone writes checkpoints";
     EXPECT_EQ(group[0].metrics().back().at(1), std::to_string(40 * 512)) << "all steps count";
@@ -146,7 +146,7 @@ TEST_P(Sync, TheOthersGoOnWithinThreeSecondsWhenOneIsKilledOrStopped) {
 TEST(RanksSystem, StopTogetherAtTheirSplAndTheLowestKeepsTheBest) {
   Group group(2);
   group.start(1000000, {"--stop-when", "0.9"});
-  for (const int rank : {0, 1}) ASSERT_EQ(group[rank].policy().wait(kLong), 0) << group[rank].policy().output();
+  for (const int rank : {0, 1}) ASSERT_EQ(group[rank].policy().wait(kLongWait), 0) << group[rank].policy().output();
   EXPECT_EQ(group[0].updates(), group[1].updates());
   const std::string best = "out/checkpoints/best.clk";
   EXPECT_TRUE(std::filesystem::exists(group[0].trial.folder() / best));
@@ -156,13 +156,14 @@ TEST(RanksSystem, StopTogetherAtTheirSplAndTheLowestKeepsTheBest) {
 TEST(RanksSystem, GoesOnWithAnotherNumberOfRanks) {
   Group two(2);
   two.start(60, {"--lockstep"});
-  for (const int rank : {0, 1}) ASSERT_EQ(two[rank].policy().wait(kLong), 0) << two[rank].policy().output();
+  for (const int rank : {0, 1}) ASSERT_EQ(two[rank].policy().wait(kLongWait), 0) << two[rank].policy().output();
   Group three(3);
   std::filesystem::copy(two[0].trial.folder() / "out", three[0].trial.folder() / "out",
                         std::filesystem::copy_options::recursive);
   std::filesystem::remove(three[0].trial.folder() / "out/checkpoints/" + two[0].trial.checkpoint("out").first);
   three.start(60, {"--lockstep", "--resume"});
-  for (int rank = 0; rank < 3; ++rank) ASSERT_EQ(three[rank].policy().wait(kLong), 0) << three[rank].policy().output();
+  for (int rank = 0; rank < 3; ++rank)
+    ASSERT_EQ(three[rank].policy().wait(kLongWait), 0) << three[rank].policy().output();
   EXPECT_TRUE(contains(three[0].policy().output(), "resuming after update 20"));
   const Json manifest = Json::parse(contents(three[0].trial.folder() / "out/manifest.json"));
   EXPECT_EQ(manifest["ranks"], 3);

@@ -14,7 +14,7 @@ using Json = nlohmann::json;
 
 class Pairings : public ::testing::TestWithParam<std::pair<const char*, const char*>> {
  protected:
-  /// Of the learner, and of the actors; env_services are of both.
+  /// Return the vendor of the learner and that of the actors; env_services use both.
   std::string here() const { return GetParam().first; }
   std::string there() const { return GetParam().second; }
 };

@@ -22,9 +22,9 @@ TEST(Sweep, EachSeedIsTheRunThatItWouldBeAlone) {
   Trial run("cyclonedds");
   const auto summer = run.env("summer");
   const auto sweep = run.train(8, "sweep", {"--lockstep", "--seeds", "3,5,4", "--controls", "blind"});
-  ASSERT_EQ(sweep->wait(kLong), 0) << sweep->output();
+  ASSERT_EQ(sweep->wait(kLongWait), 0) << sweep->output();
   const auto alone = run.train(8, "alone", {"--lockstep", "--seed", "5"});
-  ASSERT_EQ(alone->wait(kLong), 0) << alone->output();
+  ASSERT_EQ(alone->wait(kLongWait), 0) << alone->output();
   ASSERT_FALSE(run.checkpoint("alone").second.empty());
   EXPECT_TRUE(run.checkpoint("sweep/seed-5") == run.checkpoint("alone"));
   EXPECT_FALSE(run.checkpoint("sweep/seed-4").second == run.checkpoint("alone").second);
@@ -62,9 +62,9 @@ TEST(Sweep, GoesOnWithTheSeedThatWasInterrupted) {
   const auto summer = run.env("summer");
   constexpr int kUpdates = 150;
   const auto straight = run.train(kUpdates, "straight", {"--seed", "2"});
-  ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
+  ASSERT_EQ(straight->wait(kLongWait), 0) << straight->output();
   const auto interrupted = run.train(kUpdates, "sweep", {"--seeds", "1..3"});
-  ASSERT_TRUE(run.has_checkpoint("sweep/seed-2", kLong)) << interrupted->output();
+  ASSERT_TRUE(run.has_checkpoint("sweep/seed-2", kLongWait)) << interrupted->output();
   ASSERT_EQ(interrupted->end(SIGTERM, seconds(5)), 130) << interrupted->output();
   ASSERT_TRUE(std::filesystem::exists(run.folder() / "sweep/seed-1/summary.json"));
   ASSERT_FALSE(std::filesystem::exists(run.folder() / "sweep/seed-2/summary.json")) << "it had ended before";
@@ -76,7 +76,7 @@ TEST(Sweep, GoesOnWithTheSeedThatWasInterrupted) {
   EXPECT_TRUE(contains(other->output(), "gamma was "));
 
   const auto resumed = run.train(kUpdates, "sweep", {"--seeds", "1..3", "--resume"});
-  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  ASSERT_EQ(resumed->wait(kLongWait), 0) << resumed->output();
   EXPECT_TRUE(contains(resumed->output(), "seed 1 is complete"));
   EXPECT_TRUE(contains(resumed->output(), "resuming after update"));
   EXPECT_EQ(contents(run.folder() / "sweep/seed-1/summary.json"), first);
@@ -90,7 +90,7 @@ TEST(Sweep, ASeedThatFailsIsNamedAndTheOthersGoOn) {
   std::filesystem::create_directories(run.folder() / "out");
   std::ofstream(run.folder() / "out/seed-2") << "in the way";
   const auto sweep = run.train(4, "out", {"--seeds", "1..3"});
-  EXPECT_EQ(sweep->wait(kLong), 1) << sweep->output();
+  EXPECT_EQ(sweep->wait(kLongWait), 1) << sweep->output();
   EXPECT_TRUE(contains(sweep->output(), "policy_service: seeds: 1 of 3 failed: 2: "));
   const Json joined = json_of(run.folder() / "out/sweep.json");
   EXPECT_EQ(joined["seeds"], (std::vector<int>{1, 3}));
@@ -99,7 +99,7 @@ TEST(Sweep, ASeedThatFailsIsNamedAndTheOthersGoOn) {
   // Out of the way, --resume runs it and leaves the others alone.
   std::filesystem::remove(run.folder() / "out/seed-2");
   const auto again = run.train(4, "out", {"--seeds", "1..3", "--resume"});
-  EXPECT_EQ(again->wait(kLong), 0) << again->output();
+  EXPECT_EQ(again->wait(kLongWait), 0) << again->output();
   EXPECT_EQ(json_of(run.folder() / "out/sweep.json")["seeds"], (std::vector<int>{1, 2, 3}));
 }
 

@@ -29,7 +29,7 @@ struct Inspection {
 Inspection inspect(Dataset& dataset, const std::string& folder,
                    const std::function<bool(long done, long all)>& progress);
 
-/// What `info` prints of a traversal.
+/// The facts that `info` prints about a traversal.
 struct Summary {
   std::string name, condition;
   int frames = 0, dimension = 0, width = 0, height = 0;  ///< pixels of the first good frame; 0 without pictures
@@ -41,9 +41,9 @@ struct Summary {
 };
 Summary summarise(Dataset& dataset, const std::string& name);
 
-/// The table that `info` prints: a line for the headings and one for each traversal, columns as wide as their contents.
+/// Returns the table that `info` prints: headings, then a line for each traversal; columns as wide as their contents.
 std::string to_table(const std::vector<Summary>& summaries);
-/// These results as JSON objects, and every dataset with all that is known of it.
+/// Returns these results as JSON objects, and every dataset with all that is known of it.
 std::string to_json(const std::string& dataset, const Inspection& inspection);
 std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries);
 std::string datasets_json();

@@ -19,11 +19,11 @@
 namespace citylearn::doctor {
 namespace {
 
-constexpr int kProbePatience = 3500;   // ms: a host refuses once a second, and is asked for its address three times
-constexpr double kClockTolerance = 1;  // seconds
-constexpr double kStale = 5;           // seconds without a heartbeat
+constexpr int kProbeTimeout = 3500;     // ms: a host refuses once a second, and is asked for its address three times
+constexpr double kClockTolerance = 1;   // seconds
+constexpr double kMaxHeartbeatAge = 5;  // seconds without a heartbeat
 
-/// The sender's clock when it sent a heartbeat: an incarnation is the microsecond it started at.
+/// Returns the sender's clock when it sent a heartbeat: an incarnation is the microsecond it started at.
 double sent_at(const msg::ServiceStatus& status) {
   return static_cast<double>(status.header().incarnation()) / 1e6 + status.uptime();
 }
@@ -47,7 +47,7 @@ std::string account_of(const std::string& peer, const std::string& address, int 
   std::string from;
   for (const internal::Interface& each : findings.interfaces)
     if (from.empty() && findings.used.contains(each.address) && !each.address.starts_with("127.")) from = each.address;
-  switch (probe(from, address, port, kProbePatience)) {
+  switch (probe(from, address, port, kProbeTimeout)) {
     case Answer::kNoHost:
       return fmt::format("peer '{}': no host answers at {} (is it up, and does --interface lead there?)", peer,
                          address);
@@ -279,7 +279,7 @@ std::string check_service(const MiddlewareOptions& options, const std::string& s
       if (name.second != id || (!session.empty() && name.first != session)) continue;
       const msg::ServiceStatus& status = service.newest;
       // The first heartbeat may be the last one of a process that hangs: its middleware repeats it to new readers.
-      if (service.heard == 1 && std::abs(service.ahead) > kStale) {
+      if (service.heard == 1 && std::abs(service.ahead) > kMaxHeartbeatAge) {
         trouble = "only an old heartbeat was heard: it hangs";
       } else if (status.service_state() == msg::FAILED) {
         trouble = fmt::format("FAILED: {}", status.activity().c_str());

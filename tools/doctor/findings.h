@@ -26,10 +26,9 @@ class Heartbeats {
   explicit Heartbeats(Middleware& middleware);
   /// Takes the heartbeats that have come.
   void take();
-  /// Services by session and id; of one that was restarted, the newest.
+  /// Returns the services by session and id; of one that was restarted, the newest.
   const std::map<std::pair<std::string, std::string>, Service>& services() const { return services_; }
-  /// Reasons why messages could not be read, each once: "citylearn::msg::ServiceStatus, protocol: the sender speaks
-  /// ...".
+  /// Reasons for unreadable messages, each once: "citylearn::msg::ServiceStatus, protocol: the sender speaks ...".
   const std::set<std::string>& unreadable() const { return unreadable_; }
 
  private:

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kProbeAgain = 250;  // ms
+constexpr int kProbeInterval = 250;  // ms
 
 std::string first_line(const std::string& path) {
   std::ifstream in(path);
@@ -108,12 +108,12 @@ Answer probe(const std::string& from, const std::string& address, int port, int 
     answer = Answer::kNoHost;
   // One byte is not RTPS, so a listener drops it. A host without a listener says so (ICMP), which the socket reports.
   // Probed repeatedly, because hosts say so once a second at most, and discovery has asked at many ports before.
-  for (int left = patience_ms; answer == Answer::kSilent && left > 0; left -= kProbeAgain) {
+  for (int left = patience_ms; answer == Answer::kSilent && left > 0; left -= kProbeInterval) {
     const char byte = 0;
     char reply = 0;
     pollfd ready{handle, POLLIN, 0};
     if (::send(handle, &byte, 1, 0) < 0 ||
-        (poll(&ready, 1, std::min(left, kProbeAgain)) > 0 && recv(handle, &reply, 1, MSG_DONTWAIT) < 0))
+        (poll(&ready, 1, std::min(left, kProbeInterval)) > 0 && recv(handle, &reply, 1, MSG_DONTWAIT) < 0))
       answer = errno == ECONNREFUSED ? Answer::kRefused : Answer::kNoHost;  // EHOSTUNREACH, ENETUNREACH
   }
   if (handle >= 0) close(handle);

@@ -18,9 +18,9 @@
 namespace citylearn {
 namespace {
 
-constexpr int kLargestSide = 4096;  // pixels
+constexpr int kMaxSide = 4096;  // pixels
 
-/// What an agent learned on, as the manifest of its run has it.
+/// The task that an agent was trained on, as its run's manifest has it.
 class TrainedOn {
  public:
   /// Throws Error when there is no such manifest, or none of a run with an encoder_service.
@@ -103,8 +103,8 @@ PictureSize picture_size(const std::string& text) {
   PictureSize size;
   int read = 0;
   if (std::sscanf(text.c_str(), "%dx%d%n", &size.width, &size.height, &read) != 2 ||
-      read != static_cast<int>(text.size()) || size.width < 1 || size.height < 1 || size.width > kLargestSide ||
-      size.height > kLargestSide)
+      read != static_cast<int>(text.size()) || size.width < 1 || size.height < 1 || size.width > kMaxSide ||
+      size.height > kMaxSide)
     throw Error("'" + text + "' is not a size of 1x1 to 4096x4096 pixels", "--picture", "write 160x96");
   return size;
 }

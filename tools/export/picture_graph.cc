@@ -14,14 +14,14 @@ Matrix<float> matrix_of(const cv::Mat& rows) {
   return Eigen::Map<const RowMajor>(rows.ptr<float>(), rows.rows, rows.cols);
 }
 
-/// The weights (to x from) by which OpenCV resizes a line of pixels.
+/// Returns the weights (to x from) by which OpenCV resizes a line of pixels.
 Matrix<float> resizing_weights(int from, int to, int interpolation) {
   cv::Mat weights;
   cv::resize(cv::Mat::eye(from, from, CV_32F), weights, {from, to}, 0, 0, interpolation);
   return matrix_of(weights);
 }
 
-/// The weights by which cv::GaussianBlur smooths a line of floats, with its kernel's size and its borders.
+/// Returns the weights by which cv::GaussianBlur smooths a line of floats, with its kernel's size and its borders.
 Matrix<float> smoothing_weights(int length, double sigma) {
   const int size = cvRound(sigma * 8 + 1) | 1;
   cv::Mat weights;

@@ -23,11 +23,11 @@ OnnxPicture rounded(const OnnxPicture& picture);
 /// Limits each number to 0 .. most.
 OnnxPicture limited(const OnnxPicture& picture, float most);
 
-/// As scaled() of the encoders; `bytes`: of pictures whose pixels are bytes, which are rounded after each step.
+/// Appends what scaled() of the encoders computes. With `bytes` pixels are bytes, which are rounded after each step.
 OnnxPicture scaled(const OnnxPicture& picture, int width, int height, bool bytes);
-/// As scaled_grey() of the encoders, of a picture in red, green, blue.
+/// Appends what scaled_grey() of the encoders computes, for a picture in red, green, blue.
 OnnxPicture scaled_grey(const OnnxPicture& picture, int width, int height);
-/// As sliding_normalised() of the encoders.
+/// Appends what sliding_normalised() of the encoders computes.
 OnnxPicture sliding_normalised(const OnnxPicture& picture, double sigma);
 /// batch x (channels * height * width), row by row; the channels of a pixel together, or channel after channel.
 OnnxValue flattened(const OnnxPicture& picture, bool channels_last);

@@ -32,7 +32,7 @@ Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::stri
 /// Returns the traversal with features, D x F, in place of its pictures; it ends with them.
 Traversal with_features(Traversal traversal, const Eigen::MatrixXf& features);
 
-/// Features that a traversal has already.
+/// Returns the features that a traversal has already.
 Descriptors features_of(const Traversal& traversal);
 
 }  // namespace citylearn::lab

@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kInterpreter = "/usr/bin/python3";  // the one that Debian's matplotlib belongs to
 
-/// The programs of an installation (bin/ and share/citylearn/tools), else those of the sources.
+/// Returns the programs of an installation (bin/ and share/citylearn/tools), else those of the sources.
 fs::path tools_folder() {
   std::error_code none;
   const fs::path program = fs::read_symlink("/proc/self/exe", none);

@@ -26,19 +26,18 @@ struct Hosting {
   Imperfections imperfections = {};  ///< of their world, those that befall agents
 };
 
-/// A trainer and its environments in one process, nothing on a wire. What it learns is what the services learn in
-/// lockstep.
+/// A trainer and its environments in one process, without a wire. It learns what the services learn in lockstep.
 class InprocessTraining {
  public:
   /// Frames options.first_frame .. + frames - 1 of `route`, which must outlive this and have features (an agent that
   /// needs none takes it as it is). Throws Error as Trainer and network_task() do.
   InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames, const Hosting& hosting = {});
 
-  /// One segment of every environment, and what is learned from it.
+  /// Plays one segment of every environment and learns from it.
   UpdateFigures update();
 
   Trainer& trainer() { return trainer_; }
-  /// Episodes that ended in the last update's segment, by environment.
+  /// Returns the episodes that ended in the last update's segment, by environment.
   const std::vector<Environment::Episode>& finished() const { return finished_; }
   double acting() const { return acting_; }      ///< seconds so far
   double learning() const { return learning_; }  ///< seconds so far
@@ -56,7 +55,7 @@ class InprocessTraining {
   std::vector<std::uint8_t> choice_;
 };
 
-/// The task of a route's frames first .. first + frames - 1, as a network is made for it. Throws Error naming a
+/// Returns the task of a route's frames first .. first + frames - 1, as a network is made for it. Throws Error naming a
 /// traversal that lacks some of these, or has other features or crossings than the first one.
 NetworkTask network_task(const Experiences& route, int first, int frames);
 
@@ -68,7 +67,7 @@ struct Trial {
   Imperfections imperfections = {};  ///< of the world, those that befall agents
 };
 
-/// Episodes by task, of a policy that has decided nothing yet. Throws Error, and what the policy throws.
+/// Returns the episodes by task, of a policy that has decided nothing yet. Throws Error, and what the policy throws.
 std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& traversal, const Trial& trial);
 Score score(const std::vector<Environment::Episode>& episodes);
 

@@ -12,7 +12,7 @@
 
 namespace citylearn::paper {
 
-/// What all sections share.
+/// The state that all sections share.
 struct Context {
   World& world;
   World& drawn;  ///< a drawn city that has the pictures and positions `world` may lack; `world` itself when it is drawn
@@ -37,11 +37,11 @@ struct Context {
   const Agent& paper_agent() const;
   /// Number of tasks of a trial whose figures go into a table.
   int tasks() const;
-  /// Training steps of an agent under `effort`; 0: its recommendation. The baseline needs fewer than that.
+  /// Returns the training steps of an agent under `effort`; 0: its recommendation. The baseline needs fewer than that.
   std::uint64_t steps(const std::string& agent, const std::string& learner = "ppo") const;
   /// `share` of the recommended training steps, under `effort`.
   std::uint64_t share_of_steps(const Agent& agent, double share) const;
-  /// The seeds of an agent whose training takes long.
+  /// Returns the seeds of an agent whose training takes long.
   std::vector<std::uint64_t> few_seeds() const;
   /// A training on as many of the first places of `where` as the paper's route has.
   Study study(const Agent& agent, std::uint64_t seed, World& where) const;
@@ -63,7 +63,7 @@ struct Context {
   Json add_agents() const;
 };
 
-/// The name of an agent in figures and tables.
+/// Returns the name of an agent in figures and tables.
 std::string label_of(const std::string& agent);
 
 }  // namespace citylearn::paper

@@ -74,7 +74,7 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->type_name("DIR");
 }
 
-/// The agents compared: the paper's, and the one that this project recommends.
+/// Returns the agents compared: the paper's, and the one that this project recommends.
 std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint64_t>& seeds, bool quick) {
   const std::string features = world.representations({64}).front();
   const std::vector<std::uint64_t> few = quick ? std::vector{seeds.front()} : seeds;
@@ -84,7 +84,7 @@ std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint6
   return agents;
 }
 
-/// For sections that need pictures or a map where the given data have none.
+/// Returns the options of a drawn world, for sections that need pictures or a map where the given data have none.
 WorldOptions drawn_city(const CommandLine& line) {
   WorldOptions options;
   options.encoders = {kDefaultEncoder};

@@ -49,7 +49,7 @@ std::string Work::path_of(const Json& spec) const {
   return folder_ + "/" + sha256(spec.dump() + "#" + std::to_string(kVersion)).substr(0, 20) + ".json";
 }
 
-/// The outcome that an earlier run wrote; null when there is none, or one that cannot be read.
+/// Returns the outcome that an earlier run wrote; null when there is none, or one that cannot be read.
 Work::Done Work::read(const std::string& path, const Json& spec) {
   std::ifstream file(path);
   if (!file) return {};

@@ -29,13 +29,13 @@ struct Unit {
 
 /// `outcome` without what depends on the machine: all members named "seconds" or "bytes", at whatever depth.
 Json repeatable(const Json& outcome);
-/// Only those members, in the objects they stand in; null when there are none.
+/// Returns only those members, in their objects; null when there are none.
 Json measured(const Json& outcome);
 
 /// Computes units of work, each once: it stores outcomes in a folder, where the next run finds them. Not thread-safe.
 class Work {
  public:
-  /// To be raised when the same spec gives another outcome than before.
+  /// Raise it when the same spec gives another outcome than before.
   static constexpr int kVersion = 4;
 
   /// Creates the folder. Throws Error.
@@ -46,17 +46,17 @@ class Work {
   /// Does the units that have no outcome yet, in the order of add(), with a line of progress and time left. Units that
   /// throw Error are logged and left out; the others go on. False when one failed. Throws Stopped.
   bool run();
-  /// Outcome of a unit; null when there is none (it failed).
+  /// Returns the outcome of a unit; null when there is none (it failed).
   const Json& outcome(const Json& spec) const;
   const Json& outcome(int unit) const;
 
   int units() const { return static_cast<int>(units_.size()); }
 
-  /// All outcomes without what depends on the machine, one line a unit: [{"name", "spec", "outcome"}, ...].
+  /// Returns all outcomes without what depends on the machine, one line a unit: [{"name", "spec", "outcome"}, ...].
   std::string results() const;
-  /// What measured() leaves of each outcome, in the same order.
+  /// Returns what measured() leaves of each outcome, in the same order.
   Json measurements() const;
-  /// Duration of each unit, in this run or an earlier one: [{"name", "seconds"}], null where it failed.
+  /// Returns the duration of each unit, in this run or an earlier one: [{"name", "seconds"}], null where it failed.
   Json times() const;
 
  private:

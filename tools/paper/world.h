@@ -42,28 +42,28 @@ class World {
   std::uint64_t hash(const std::string& name);         ///< of a recording
   Json hashes(const std::vector<std::string>& names);  ///< as hexadecimal text, by name
 
-  /// Names of the frames' representations: "features" where the dataset has them; otherwise "ENCODER-D" for each D of
-  /// `dimensions` that the number of frames and the encoder allow (D principal components of the traversal learned
-  /// from), and "raw84" (pixels of the first `raw_frames` frames).
+  /// Returns the names of the frames' representations: "features" where the dataset has them; otherwise "ENCODER-D" for
+  /// each D of `dimensions` that the number of frames and the encoder allow (D principal components of the traversal
+  /// learned from), and "raw84" (pixels of the first `raw_frames` frames).
   std::vector<std::string> representations(const std::vector<int>& dimensions);
   /// The features that are compared where all policies shall see the same ones: 64 a frame, fewer where the route has
   /// fewer frames to learn them from.
   std::string common_representation();
   /// Features a frame of a representation; 0: pixels.
   int features(const std::string& representation) const;
-  /// Features that an encoder gives before principal components are taken.
+  /// Returns the features that an encoder gives before principal components are taken.
   int encoder_dimension(const std::string& encoder);
   /// A traversal with the features of a representation.
   const Traversal& traversal(const std::string& representation, const std::string& name);
 
-  /// The traversal learned from, and the same route seen by a laterally shifted camera: a traversal named
+  /// Returns the traversal learned from, and the same route seen by a laterally shifted camera: a traversal named
   /// shifted_name() for each of lateral_shifts(). Drawn: "shifted" with the camera so many metres further left. Real
   /// pictures: a simulated shift, a window of 4/5 of the picture's width (of the traversal learned from too) moved
   /// right by such a share of it. Made once; the world must have pictures. Throws Error.
   World& laterally_shifted();
-  /// The traversal learned from, one more, and as 'mixed' a simulated third condition for recordings that have no
-  /// other: each frame is a mixture of these two, of their pictures or of their features, and from place to place more
-  /// of the one or of the other, as if snow had melted in patches. Made once; needs two traversals. Throws Error.
+  /// Returns the traversal learned from, one more, and as 'mixed' a simulated third condition for recordings that have
+  /// no other: each frame is a mixture of these two, of their pictures or of their features, and from place to place
+  /// more of the one or of the other, as if snow had melted in patches. Made once; needs two traversals. Throws Error.
   World& mixed();
   std::vector<double> lateral_shifts() const;
   std::string shifted_name(double shift) const;  ///< "1.5 m", "10 %"

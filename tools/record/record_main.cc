@@ -46,7 +46,7 @@ int record(CommandLine& line) {
   Recording recording(*middleware, line.recording);
   spdlog::info("records to {}", line.recording.output);
   while (!stop_requested()) {
-    middleware->wait(Clock::now() + kStopCheck);
+    middleware->wait(Clock::now() + kStopCheckInterval);
     recording.poll();
     for (const std::string& fault : middleware->discovery().faults()) spdlog::error("{}", fault);
   }

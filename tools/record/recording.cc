@@ -14,8 +14,8 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kFlushAfter = 1'000'000'000;  // nanoseconds
-constexpr int kAtOnce = 256;                          // of a topic, before the others
+constexpr std::uint64_t kFlushInterval = 1'000'000'000;  // nanoseconds
+constexpr int kMaxMessagesPerTopic = 256;                // of a topic, before the others
 
 std::string name_of(Profile profile) {
   switch (profile) {
@@ -123,15 +123,15 @@ void Recording::poll() {
     more = false;
     for (const auto& [name, source] : sources_) {
       int taken = 0;
-      while (taken < kAtOnce && source.subscription->take(taken_)) {
+      while (taken < kMaxMessagesPerTopic && source.subscription->take(taken_)) {
         write(name, source);
         ++taken;
       }
-      more = more || taken == kAtOnce;
+      more = more || taken == kMaxMessagesPerTopic;
     }
   }
   if (const std::uint64_t since = writer_->waiting_since();
-      since != 0 && nanoseconds_since_epoch() - since >= kFlushAfter)
+      since != 0 && nanoseconds_since_epoch() - since >= kFlushInterval)
     writer_->flush();
 }
 

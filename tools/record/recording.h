@@ -50,7 +50,7 @@ class Recording {
 
  private:
   struct Source {
-    const Topic* topic;  // that of all
+    const Topic* topic;  // that every service reads
     std::unique_ptr<Subscription> subscription;
   };
   void begin_file();

@@ -114,7 +114,7 @@ void TrajectoryReplay::send_status() {
 bool TrajectoryReplay::poll() {
   take_messages();
   const Clock::time_point now = Clock::now();
-  due_ = now + 2 * kStopCheck;
+  due_ = now + 2 * kStopCheckInterval;
   if (info_.header().incarnation() == 0) {
     node_.report(msg::WAITING, "waiting for a learner");
     return true;

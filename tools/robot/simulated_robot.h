@@ -40,12 +40,12 @@ struct SimulatedRobotOptions {
 /// second after the last one. Used by one thread.
 class SimulatedRobot {
  public:
-  /// `ros` must outlive it. Throws Error: an unknown look, a name that is no topic.
+  /// `ros` must outlive it. Throws Error for an unknown look or a name that is not a topic.
   SimulatedRobot(const SimulatedRobotOptions& options, Ros2Participant& ros);
 
   /// Drives up to `now`, and publishes what is due.
   void advance(Clock::time_point now);
-  /// When advance() is to be called again.
+  /// Returns when advance() is to be called again.
   Clock::time_point due() const { return due_; }
   double metres() const { return metres_; }  ///< along the route
   /// Returns whether it has driven to the end by itself.

@@ -19,10 +19,10 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kSecond = 1e9;  // nanoseconds
-constexpr std::chrono::seconds kSilent{3};
-constexpr std::chrono::milliseconds kFresh{250};  // what is older may not be of this place
-constexpr double kLeap = 0.75;                    // seconds: a hole of a shorter silence is no silence's
-constexpr double kLate = 2;                       // seconds by which one topic begins or ends before the other
+constexpr std::chrono::seconds kMaxSilence{3};
+constexpr std::chrono::milliseconds kMaxAge{250};  // what is older may not be of this place
+constexpr double kMinSilence = 0.75;               // seconds: a hole of a shorter silence has another cause
+constexpr double kMaxOffset = 2;                   // seconds by which one topic begins or ends before the other
 
 double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
@@ -71,7 +71,7 @@ void Teacher::Topic::hear(std::uint64_t newest, Clock::time_point now) {
 
 /// Returns whether the next message is late.
 bool Teacher::Topic::silent(Clock::time_point now) const {
-  return now - came > std::max<Clock::duration>(kFresh, interval + interval / 2);
+  return now - came > std::max<Clock::duration>(kMaxAge, interval + interval / 2);
 }
 
 void Teacher::poll(Clock::time_point now) {
@@ -82,13 +82,13 @@ void Teacher::poll(Clock::time_point now) {
 }
 
 std::string Teacher::trouble(Clock::time_point now) const {
-  if (now - pictures_heard_.came > kSilent) return senses_.why_no_picture(true);
-  if (!options_.topics.position.empty() && now - positions_heard_.came > kSilent) return senses_.why_no_position(true);
+  if (now - pictures_heard_.came > kMaxSilence) return senses_.why_no_picture(true);
+  if (!options_.topics.position.empty() && now - positions_heard_.came > kMaxSilence)
+    return senses_.why_no_position(true);
   return "";
 }
 
-/// Returns whether the newest picture is the next frame. One of a topic that fell silent does not show where the robot
-/// is.
+/// Returns whether the newest picture is the next frame. An old one of a silent topic does not show the robot's place.
 bool Teacher::is_next(Clock::time_point now) const {
   if (!senses_.picture() || senses_.picture()->stamp == picture_) return false;
   const std::uint64_t stamp = senses_.picture()->stamp;
@@ -104,7 +104,7 @@ void Teacher::note_hole(const std::string& file, Clock::time_point now) {
   const bool placed = !options_.topics.position.empty();
   const double no_picture = seconds(pictures_heard_.silence), no_position = seconds(positions_heard_.silence);
   if (frames_ == 0) {  // both since this program started
-    if (const double begin = no_position - no_picture; placed && std::abs(begin) > kLate)
+    if (const double begin = no_position - no_picture; placed && std::abs(begin) > kMaxOffset)
       first_hole_ = silence(std::abs(begin), begin > 0) + ": no frames before " + file;
     return;
   }
@@ -114,7 +114,7 @@ void Teacher::note_hole(const std::string& file, Clock::time_point now) {
   if (size <= longest_) return;
   longest_ = size;
   const double silent = std::max(no_picture, no_position);
-  longest_hole_ = placed && silent < kLeap ? "the position leapt" : silence(silent, no_position > no_picture);
+  longest_hole_ = placed && silent < kMinSilence ? "the position leapt" : silence(silent, no_position > no_picture);
   longest_hole_ +=
       placed ? fmt::format(": {:.1f} m without frames before {}", size, file) : ": no frames before " + file;
 }
@@ -124,7 +124,7 @@ std::vector<std::string> Teacher::shortcomings() const {
                                     longest_hole_};
   if (holes_ > 1) lines.back() += fmt::format(", the longest of {} holes", holes_);
   const double end = seconds(pictures_heard_.came - positions_heard_.came);
-  if (frames_ > 0 && !options_.topics.position.empty() && std::abs(end) > kLate)
+  if (frames_ > 0 && !options_.topics.position.empty() && std::abs(end) > kMaxOffset)
     lines.push_back(silence(std::abs(end), end > 0) + ": no frames after " + file_);
   std::erase(lines, "");
   return lines;

@@ -43,7 +43,7 @@ class Teacher {
   std::string why_no_route() const;
 
  private:
-  /// When a topic was heard.
+  /// The times at which a topic was heard.
   struct Topic {
     std::uint64_t stamp = 0;  // of the newest message, and when it came
     Clock::time_point came = Clock::now();

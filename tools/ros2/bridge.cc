@@ -66,7 +66,7 @@ void Ros2Bridge::leave_silent(Clock::time_point now) {
   std::erase_if(hosts_, [&](const auto& host) {
     if (host.second.here(now)) return false;
     spdlog::warn("'{}' is silent", host.first);
-    node_.let_go(host.first);
+    node_.release_topics(host.first);
     return true;
   });
 }
@@ -91,7 +91,7 @@ void Ros2Bridge::poll() {
 }
 
 Clock::time_point Ros2Bridge::due() const {
-  return std::min({maps_.due(), pictures_.due(), Clock::now() + kStopCheck});
+  return std::min({maps_.due(), pictures_.due(), Clock::now() + kStopCheckInterval});
 }
 
 }  // namespace citylearn

@@ -6,7 +6,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kFlushAfter = 1'000'000'000;  // nanoseconds
+constexpr std::uint64_t kFlushInterval = 1'000'000'000;  // nanoseconds
 
 }  // namespace
 
@@ -30,7 +30,7 @@ void Ros2File::publish(const Ros2Message& message) {
 
 void Ros2File::poll() {
   if (const std::uint64_t since = writer_.waiting_since();
-      since != 0 && nanoseconds_since_epoch() - since >= kFlushAfter)
+      since != 0 && nanoseconds_since_epoch() - since >= kFlushInterval)
     writer_.flush();
 }
 

@@ -28,7 +28,7 @@ class Ros2Translation {
     double rate = 10;                  ///< observations or scenes of an env_service a second, at most; 0: all
     double speed = 1;                  ///< of a step in Twist messages, m/s
   };
-  /// Where what is not in an Observation comes from.
+  /// Sources of data that an Observation does not have.
   struct Sources {
     /// Returns the map of the env_service's traversal; null where it is not known, or not yet.
     std::function<std::shared_ptr<const RouteMap>(const std::string& environment, std::uint64_t hash)> map;
@@ -53,7 +53,7 @@ class Ros2Translation {
   std::uint64_t missing_pictures() const { return missing_pictures_; }  ///< there were none to send
 
  private:
-  /// What an agent sees.
+  /// The view of an agent.
   struct View {
     PictureKey key;
     std::uint64_t time = 0;

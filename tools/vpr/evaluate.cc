@@ -134,7 +134,7 @@ class Evaluation {
     return GroundTruth::by_matches(matches, reference_.frames, query.frames, options_.tolerance);
   }
 
-  /// All of them before the first picture is encoded, so that a wrong option does not show after hours.
+  /// Makes all encoders before the first picture is encoded, so that a wrong option shows at once.
   void make_encoders() {
     if (!reference_.images) {
       if (!options_.encoders.empty())
@@ -156,7 +156,7 @@ class Evaluation {
     }
   }
 
-  /// All frames by one encoder.
+  /// All frames, as encoded by one encoder.
   struct Part {
     std::string label, name;
     lab::Descriptors reference;

@@ -26,7 +26,7 @@ std::string share(double value) { return number(value, "%.3f"); }
 
 std::string interval(const Interval& interval) { return share(interval.low) + "-" + share(interval.high); }
 
-/// Not a number is null in files.
+/// Returns a row as JSON, where NaN becomes null.
 Json json_of(const Row& row) {
   return {{"encoder", row.encoder},
           {"name", row.name},
@@ -60,7 +60,7 @@ std::string cell(const Json& value) {
   return value.is_number_float() ? number(value) : value.dump();
 }
 
-/// At most 2,000 of the points, the first and the last always among them.
+/// Returns at most 2,000 of the points, always with the first and the last one.
 std::vector<double> thinned(const std::vector<double>& points) {
   std::vector<double> kept(std::min<std::size_t>(points.size(), 2000));
   for (std::size_t i = 0; i < kept.size(); ++i)
@@ -68,7 +68,7 @@ std::vector<double> thinned(const std::vector<double>& points) {
   return kept;
 }
 
-/// Text that is not UTF-8 is shown with replacements.
+/// Returns the JSON's text. Bytes that are not UTF-8 are replaced.
 std::string dumped(const Json& json, int indent) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n";
 }

@@ -29,19 +29,19 @@ struct Row {
   std::string matches;  ///< file of the picture that shows some; empty: none
 };
 
-/// A table for people, columns aligned.
+/// Returns a table for people with aligned columns.
 std::string table(const std::vector<Row>& rows);
-/// One line a row, with a header; fields that need it are quoted (RFC 4180).
+/// Returns one line a row, with a header; fields that need it are quoted (RFC 4180).
 std::string results_csv(const std::vector<Row>& rows);
-/// What is true of all rows, what the figures mean, and the rows.
+/// Returns JSON with facts about all rows, the meaning of the figures, and the rows.
 std::string results_json(const Options& options, const std::vector<Row>& rows);
 
-/// Precision over recall and true over false positives, at most 2,000 points a row: {"curves": [{encoder .. query,
-/// recall, precision, file, false_positive, true_positive, roc_file}]}, with the names of the pictures that show the
-/// curves.
+/// Returns precision over recall and true over false positives, at most 2,000 points a row: {"curves": [{encoder ..
+/// query, recall, precision, file, false_positive, true_positive, roc_file}]}, with the names of the pictures that show
+/// the curves.
 std::string curves_json(const std::vector<Row>& rows);
 
-/// The row as part of a file's name: "hog-64-own-winter-nearest".
+/// Returns the row as part of a file's name: "hog-64-own-winter-nearest".
 std::string slug_of(const Row& row);
 
 /// `text` as part of a file's name: everything but letters, digits, '.', '_' becomes '-'.

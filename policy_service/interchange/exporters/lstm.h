@@ -6,8 +6,8 @@
 
 namespace citylearn {
 
-/// From the linear layer's sums (batch x hidden) to the heads, as networks/lstm.h: nonlinearity, previous action and
-/// mask, LSTM, heads. Written in primitive operators, as readers of ONNX's own LSTM differ in what they support.
+/// Adds the layers after the linear layer's sums (batch x hidden), as network/lstm.h: nonlinearity, previous action and
+/// mask, LSTM, heads. Uses primitive operators, as readers of ONNX's own LSTM differ in what they support.
 inline void export_lstm(AgentGraph& graph, const Parameters& parameters, const OnnxValue& embedded) {
   const int cells = parameters.integer("cells");
   std::vector<OnnxValue> inputs = {parameters.flag("relu") ? relu(embedded) : tanh(embedded), graph.previous_action()};

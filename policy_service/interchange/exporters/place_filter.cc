@@ -12,7 +12,7 @@ namespace {
 
 using namespace place_filter;
 
-/// As networks/place_filter.cc.
+/// Exports what network/agents/place_filter.cc computes.
 std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, const TrainedAgent& agent) {
   if (parameters["slip"] != 0 || parameters["kidnap"] != 0)
     throw Error("was told of slips or kidnappings, and models know a perfect world only", "network 'place_filter'",

@@ -7,7 +7,7 @@
 namespace citylearn {
 namespace {
 
-/// As networks/place_memory.cc.
+/// Exports what network/agents/place_memory.cc computes.
 std::unique_ptr<AgentGraph> export_place_memory(const Parameters& parameters, const TrainedAgent& agent) {
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::ptrdiff_t places = agent.task.frames;

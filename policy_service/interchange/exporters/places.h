@@ -26,13 +26,13 @@ inline PlacesByGoal places_by_goal(AgentGraph& graph) {
   return by;
 }
 
-/// Sum of each row, batch x 1.
+/// Returns the sum of each row, batch x 1.
 inline OnnxValue row_sum(AgentGraph& graph, const OnnxValue& x, std::ptrdiff_t width) {
   return graph.linear(x, "sum", Matrix<float>::Ones(1, width));
 }
 
-/// How much each place looks like what is seen, batch x N; as PlaceKeys. The larger of two is one and what the other
-/// has more.
+/// Returns how similar each place is to what is seen, batch x N, as PlaceKeys does. Computes the larger of a and b as a
+/// + max(b - a, 0).
 inline OnnxValue place_similarity(AgentGraph& graph) {
   const NetworkTask& task = graph.agent().task;
   const Matrix<float> keys = normalised_reference(task.reference, task.frames);

@@ -21,7 +21,7 @@ OnnxValue convolve(AgentGraph& graph, const OnnxValue& pictures, const std::stri
                          {{"kernel_shape", std::vector{kernel, kernel}}, {"strides", std::vector{stride, stride}}}));
 }
 
-/// As networks/raw_images.cc. A picture's features are its pixels row by row, the channels of a pixel together.
+/// Exports network/agents/raw_images.cc. A picture's features are its pixels row by row, a pixel's channels together.
 std::unique_ptr<AgentGraph> export_raw_images(const Parameters& parameters, const TrainedAgent& agent) {
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::int64_t side = parameters.integer("side"), maps = parameters.integer("maps");

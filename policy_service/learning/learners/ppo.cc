@@ -84,7 +84,7 @@ class Ppo : public Learner {
     gradient_step_.end_step();
   }
 
-  /// False when nothing is chosen.
+  /// Returns false when nothing is chosen.
   static bool gather(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, GradientStep::Shard& shard,
                      PpoSamples<float>& samples) {
     if (chosen.empty()) return false;

@@ -25,7 +25,7 @@ inline int choose_goal(const Replay& replay, std::size_t slot, int begin, double
   return goal + (goal >= here ? 1 : 0);
 }
 
-/// Whether an action that was done never, once or twice cannot have led from `here` to `there`: the agent was carried.
+/// Returns whether the agent was carried: an action done never, once or twice cannot lead from `here` to `there`.
 inline bool was_carried(int here, std::uint8_t action, int there) {
   const int step = place_after(here, action, {}) - here;
   return there != here && there != here + step && there != here + 2 * step;
@@ -35,8 +35,8 @@ inline bool was_carried(int here, std::uint8_t action, int there) {
 /// done stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
 /// goal is reached, the steps allowed are used up, or the real episode ended, as the frames' disguise changes there. In
 /// the latter two cases the walk stops for one column to value what the episode would have gone on with. So it does
-/// where the agent is carried (--kidnappings) to the other goal, because nobody is carried to a goal. The learner gets
-/// each reward as `told` says.
+/// where the agent is carried (--kidnappings) to the other goal, because no agent is carried to a goal. The learner
+/// gets each reward as `told` says.
 inline void relabel(const Replay& replay, std::size_t slot, double visited, const Rollout& told, Random& random, int b,
                     GradientStep::Shard& shard, TrajectoryBatch<float>& trajectories) {
   const int length = replay.sequence();

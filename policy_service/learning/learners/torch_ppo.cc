@@ -94,7 +94,7 @@ class LstmInTorch {
   int cells() const { return cells_; }
   int extra() const { return extra_; }
 
-  /// What column `from` of `inputs` gives the network: `sensed` has room for sensors() numbers, `actions` for extra().
+  /// Writes the network's inputs of column `from`. `sensed` has room for sensors() numbers, `actions` for extra().
   void sense(const NetworkInputs<float>& inputs, std::size_t from, float* sensed, float* actions) const {
     const float goal = static_cast<float>(inputs.goal[from]) / frames_ - 0.5f;
     if (baseline_)
@@ -318,7 +318,7 @@ class TorchPpo : public Learner {
     return batch;
   }
 
-  /// The mean over the samples of what learners/ppo_loss.h computes; `sums` gets the figures' sums.
+  /// Returns the mean over the samples of what learners/ppo_loss.h computes; `sums` gets the figures' sums.
   torch::Tensor loss(const LstmInTorch::Heads& heads, const Batch& batch, double entropy_weight,
                      torch::Tensor& sums) const {
     const auto samples = batch.samples.unbind(1);

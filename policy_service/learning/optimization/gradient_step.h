@@ -65,9 +65,9 @@ class GradientStep {
   }
   /// Keeps these as they are: their gradient is zero, and so is their share of its length.
   void freeze(std::span<const Tensor> tensors) { frozen_.assign(tensors.begin(), tensors.end()); }
-  /// As Learner::share_gradients().
+  /// Does what Learner::share_gradients() says.
   void share(GradientSharing* sharing) { sharing_ = sharing; }
-  /// As Learner::set_progress().
+  /// Does what Learner::set_progress() says.
   void set_progress(double fraction) { elapsed_ = std::min(1.0, fraction); }
   /// Begins a minibatch; call it before the first for_each_shard().
   void begin_step();

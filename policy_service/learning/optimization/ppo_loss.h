@@ -16,7 +16,7 @@ struct PpoWeights : LossWeights {
   double value_clip = 0;  ///< a value's change is clipped to this; 0 = it is not
 };
 
-/// What was done, column by column of the heads.
+/// The actions that were done, column by column of the heads.
 template <class S>
 struct PpoSamples {
   std::vector<std::uint8_t> action;

@@ -38,7 +38,7 @@ void Replay::save(LearnerState& state) const {
 void Replay::check(const LearnerState& state, const std::string& owner, const NetworkTask& task) const {
   for (const char* name : {"replay.size", "replay.next", "replay.frames", "replay.max_steps", "replay.sequence"}) {
     if (!state.counters.contains(name)) throw Error("has no counter '" + std::string(name) + "'", owner);
-    if (state.counters.at(name) > kLargest) throw Error("counter '" + std::string(name) + "' is too large", owner);
+    if (state.counters.at(name) > kMaxSteps) throw Error("counter '" + std::string(name) + "' is too large", owner);
   }
   for (const char* name : {"replay.features", "replay.steps"})
     if (!state.tensors.contains(name)) throw Error("has no tensor '" + std::string(name) + "'", owner);

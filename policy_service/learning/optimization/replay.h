@@ -49,7 +49,7 @@ class Replay {
 
  private:
   static constexpr int kNumbers = 6;  // of a step, beside the features
-  static constexpr std::uint64_t kLargest = 1u << 30;
+  static constexpr std::uint64_t kMaxSteps = 1u << 30;
 
   std::size_t slots(int sequence) const {
     return std::max<std::size_t>(1, steps_ / static_cast<std::size_t>(sequence));

@@ -11,7 +11,7 @@
 
 namespace citylearn {
 
-/// How far V-trace corrects.
+/// The limits of V-trace's corrections.
 struct VtraceLimits {
   double gamma = 0.99;  ///< discount a step
   double lambda = 1;    ///< 1 as in the paper; less trusts the values more, as in generalised advantage estimation
@@ -19,7 +19,7 @@ struct VtraceLimits {
   double c = 1;         ///< and the weight of what follows it here: how fast
 };
 
-/// What B agents did in T steps under any policy, column by column of the heads (t * B + b).
+/// The actions of B agents in T steps under any policy, column by column of the heads (t * B + b).
 template <class S>
 struct TrajectoryBatch {
   std::vector<std::uint8_t> action;  ///< kNoAction where the column only shows what follows the last action

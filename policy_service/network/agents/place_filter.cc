@@ -317,7 +317,7 @@ class PlaceFilter : public AgentNetwork<S> {
     return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
   }
 
-  /// Those that the route has: no turning on a line.
+  /// Returns the ways that the route has. A line has no turning.
   std::span<const Way> ways_to_goal() const { return std::span(kWays).first(turns_.empty() ? 2 : 3); }
 
   /// Calls use(input, first, count) with the places of each input that is a mass by distance.
@@ -333,7 +333,7 @@ class PlaceFilter : public AgentNetwork<S> {
     }
   }
 
-  /// Which steps lead nearer to each goal from each place.
+  /// Finds which steps lead nearer to each goal from each place.
   void find_ways() {
     const auto places = static_cast<std::size_t>(places_);
     ways_.assign(places * places, 0);

@@ -9,14 +9,13 @@
 
 namespace citylearn {
 
-/// What place_filter and its exporter have in common.
+/// Definitions that place_filter and its exporter share.
 namespace place_filter {
 
 enum { kEvidence, kTempering, kNearness, kTurning, kDirectness, kScalars };  ///< rows of filter.scalars
 constexpr int kScales = 8;                                                   ///< masses by distance, on each side
 
-/// Inputs of the head: 2 S(before), 2 S(after), masses by distance before the goal, after it, then these; on a map one
-/// more.
+/// Inputs of the head: 2 S(before), 2 S(after), masses by distance before and after the goal, these; on a map one more.
 enum { kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };
 constexpr int kWayOn = 0, kStaying = 1, kStateValue = 2, kOutputs = 3;  ///< outputs of the head, for each direction
 

@@ -105,7 +105,7 @@ class PlaceMemory : public LstmNetwork<S> {
     return std::exp(static_cast<S>(kStretch) * this->layout_.view(parameters, sharpness_)(0));
   }
 
-  /// What attention to `place` adds to each sensor.
+  /// Returns what attention to `place` adds to each sensor.
   Eigen::Matrix<S, kSensors, 1> value(int place, int goal) const {
     Eigen::Matrix<S, kSensors, 1> value;
     value << S(4) * (static_cast<S>(place) / static_cast<S>(places_) - S(0.5)), way_(places_ + goal - place),

@@ -184,7 +184,7 @@ class RawImages : public LstmNetwork<S> {
     return {first.out_side(), first.maps, 4, 2, 2 * first.maps};
   }
 
-  /// At least `cols` columns; what is there already stays there when it has more.
+  /// Gives a matrix at least `cols` columns. It keeps its contents when it has as many already.
   static void make_room(Matrix<S>& matrix, std::ptrdiff_t rows, std::ptrdiff_t cols) {
     if (matrix.rows() != rows || matrix.cols() < cols) matrix.resize(rows, cols);
   }

@@ -13,7 +13,7 @@
 
 namespace citylearn {
 
-/// What a forward pass computes from.
+/// The inputs of a forward pass.
 template <class S>
 struct ForwardPass {
   Tape<S>& tape;
@@ -32,7 +32,7 @@ struct ForwardPass {
   Variable<S> wiped(const Variable<S>& state, int step) const;
 };
 
-/// What a forward pass computes.
+/// The results of a forward pass.
 template <class S>
 struct ForwardResult {
   Variable<S> logits;          ///< 3 x TB, before the mask

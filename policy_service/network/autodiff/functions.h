@@ -9,8 +9,7 @@
 
 namespace citylearn {
 
-/// Applies `function(array)` to all elements; `slope(array)` returns the derivative at each, given the function's
-/// values.
+/// Applies `function(array)` to all elements; `slope(array)` returns their derivatives, given the function's values.
 template <class S, class Function, class Slope>
 Variable<S> map_elements(const Variable<S>& a, Function function, Slope slope) {
   return a.tape().record(
@@ -26,7 +25,7 @@ Variable<S> tanh(const Variable<S>& a) {
       a, [](const auto& x) { return x.tanh(); }, [](const auto& y) { return S(1) - y.square(); });
 }
 
-/// The logistic function.
+/// Returns the logistic function.
 template <class S>
 Variable<S> sigmoid(const Variable<S>& a) {
   return map_elements(
@@ -39,7 +38,7 @@ Variable<S> relu(const Variable<S>& a) {
       a, [](const auto& x) { return x.max(S(0)); }, [](const auto& y) { return (y > S(0)).template cast<S>(); });
 }
 
-/// The softmax of each column.
+/// Returns the softmax of each column.
 template <class S>
 Variable<S> softmax(const Variable<S>& a) {
   return a.tape().record(

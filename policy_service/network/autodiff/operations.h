@@ -18,7 +18,7 @@ void require_fit(bool fit, const char* operation, const Variable<S>& a, const Va
     throw Error("matrices of " + a.size() + " and " + b.size() + " do not fit", std::string("tape, ") + operation);
 }
 
-/// The matrix product.
+/// Returns the matrix product.
 template <class S>
 Variable<S> operator*(const Variable<S>& a, const Variable<S>& b) {
   require_fit(a.cols() == b.rows(), "product", a, b);
@@ -37,7 +37,7 @@ Variable<S> operator*(S factor, const Variable<S>& a) {
       [factor, a](const Matrix<S>& /*value*/, const Matrix<S>& gradient) { a.gradient() += factor * gradient; });
 }
 
-/// The sum. A bias, `b` of one column, is added to each column of `a`.
+/// Returns the sum. A bias, `b` of one column, is added to each column of `a`.
 template <class S>
 Variable<S> operator+(const Variable<S>& a, const Variable<S>& b) {
   require_fit(a.rows() == b.rows() && (b.cols() == a.cols() || b.cols() == 1), "sum", a, b);
@@ -65,7 +65,7 @@ Variable<S> operator-(const Variable<S>& a, const Variable<S>& b) {
   return a + S(-1) * b;
 }
 
-/// The product of each element with the one at the same place.
+/// Returns the product of each element with the one at the same place.
 template <class S>
 Variable<S> cwise_product(const Variable<S>& a, const Variable<S>& b) {
   require_fit(a.rows() == b.rows() && a.cols() == b.cols(), "element-wise product", a, b);

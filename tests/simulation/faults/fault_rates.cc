@@ -10,7 +10,7 @@
 namespace citylearn::simulation {
 namespace {
 
-/// Where the rate of each kind of fault stands.
+/// Returns the name of each kind of fault and its rate's place.
 std::vector<std::pair<std::string, double*>> rates_of(FaultRates& rates) {
   return {{"kill", &rates.kill},
           {"kill_at_work", &rates.kill_at_work},

@@ -9,7 +9,7 @@
 
 namespace citylearn::simulation {
 
-/// What goes wrong in a simulation, and how often: mean seconds between two faults of a kind; 0: there are none.
+/// The rates of faults in a simulation: mean seconds between two faults of a kind; 0: there are none.
 struct FaultRates {
   double kill = 0;          ///< of a process, while it waits
   double kill_at_work = 0;  ///< of a process, at one of its next messages or writes

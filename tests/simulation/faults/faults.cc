@@ -14,9 +14,9 @@ constexpr milliseconds kSupervision{100};  // between two looks of the superviso
 constexpr double kRestart = 0.5;           // mean seconds until a process is started again
 constexpr double kOutage = 2;              // mean seconds of a partition, a stall or a full disk
 constexpr double kTwin = 4;                // mean seconds that a second process of an id runs
-constexpr std::uint64_t kMostRoom = 8192;  // bytes that a disk still takes when it fills up
-constexpr int kFewOperations = 5;          // at a new file, until a process is killed
-constexpr int kMostOperations = 40;        // until a process is killed at work
+constexpr std::uint64_t kMaxRoom = 8192;   // bytes that a disk still takes when it fills up
+constexpr int kMaxOperationsAtStart = 5;   // at a new file, until a process is killed
+constexpr int kMaxOperations = 40;         // until a process is killed at work
 
 double seconds_of(Random& random, double mean) { return -std::log(1 - random.uniform()) * mean; }
 
@@ -56,7 +56,7 @@ FaultInjector::FaultInjector(Scheduler& scheduler, Network& network, std::vector
       const std::uint64_t draw = random.next();
       const bool new_file = random.below(2) == 0;
       const int operations =
-          1 + static_cast<int>(draw % static_cast<std::uint64_t>(new_file ? kFewOperations : kMostOperations));
+          1 + static_cast<int>(draw % static_cast<std::uint64_t>(new_file ? kMaxOperationsAtStart : kMaxOperations));
       if (!process.running()) return;
       note(name, process.name() + " after " + std::to_string(operations) + " operations" +
                      (new_file ? " of a new file" : ""));
@@ -168,7 +168,7 @@ void FaultInjector::fill_disk(Random& random) {
   Process& process = any(random);
   const Time duration = exponential(random, kOutage);
   note("full_disk", "of " + process.name() + " for " + in_ms(duration));
-  process.disk().fill(random.below(kMostRoom));
+  process.disk().fill(random.below(kMaxRoom));
   Time& until = full_until_[&process];
   until = std::max(until, scheduler_.now() + duration);
   scheduler_.at(until, [this, &process] {

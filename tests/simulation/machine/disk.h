@@ -25,7 +25,7 @@ class Disk {
 
   /// Must be called before anything is written, if the power is to be lost later.
   void remember_changes(std::uint64_t seed);
-  /// From now on the disk takes `room` more bytes and no new files.
+  /// Makes the disk take `room` more bytes and no new files.
   void fill(std::size_t room) { full_ = true, room_ = room; }
   void empty() { full_ = false; }
   bool full() const { return full_; }

@@ -16,7 +16,7 @@
 
 namespace citylearn::simulation {
 
-/// What befalls messages between two processes.
+/// The faults of messages between two processes.
 struct LinkFaults {
   double loss = 0;        ///< share of messages lost for good, which real readers and writers would mostly resend
   double repetition = 0;  ///< share that arrives twice
@@ -33,7 +33,7 @@ struct Traffic {
   std::uint64_t published = 0, copies = 0, bytes = 0, delivered = 0, lost = 0, repeated = 0, cut = 0, corrupt = 0;
 };
 
-/// How many endpoints a topic had at most.
+/// The largest numbers of endpoints that a topic had.
 struct Endpoints {
   std::size_t writers = 0, readers = 0, matches = 0;
 };
@@ -49,7 +49,7 @@ class Network {
   /// Returns the middleware of a process. Messages within the process are delivered at once.
   std::unique_ptr<Middleware> join(Process& process);
 
-  /// From now on nothing that `from` sends reaches `to`, by name, until mend().
+  /// Drops all that `from` sends to `to`, by name, until mend().
   void cut(const std::string& from, const std::string& to) { cuts_.insert({from, to}); }
   void mend(const std::string& from, const std::string& to) { cuts_.erase({from, to}); }
   void mend_all() { cuts_.clear(); }

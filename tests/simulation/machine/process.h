@@ -38,7 +38,7 @@ class Process : public Machine {
   bool running() const { return task_ && !task_->ended(); }
   bool dead() const { return !task_ || task_->dead(); }
   void kill();
-  /// What counts as an operation of a process.
+  /// The kinds of operations of a process.
   enum class Operation { kMessage, kFile };
   /// Kills it at one of its next operations, number `count` from now; a write is then torn. `new_file`: number
   /// `count` after it creates a file, and messages do not count.
@@ -58,7 +58,7 @@ class Process : public Machine {
   const std::string& failure() const { return failure_; }
   int starts() const { return starts_; }
 
-  /// Its host's clocks: the steady one runs faster or slower by so many millionths, and the date is off by so much.
+  /// Set its host's clocks: how many millionths the steady one runs faster, and by how much the date is wrong.
   void set_drift(int millionths) { drift_ = millionths; }
   void shift_date(Time by) { date_shift_ += by; }
   Time steady_clock() const;

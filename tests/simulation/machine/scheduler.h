@@ -25,7 +25,7 @@ inline Time from_seconds(double value) { return Time(static_cast<std::int64_t>(v
 /// Unwinds a task that was killed. It is not a std::exception, so that the code under test does not catch it.
 struct Killed {};
 
-/// What one simulated process does. It has a thread of its own, but only one task runs at a time.
+/// The work of one simulated process. It has a thread of its own, but only one task runs at a time.
 class Task {
  public:
   explicit Task(std::uint64_t number) : number_(number) {}

@@ -139,14 +139,14 @@ TEST_P(BestCheckpointRun, TrainingEndsAtTheSplThatStopWhenSays) {
   EXPECT_TRUE(run_.trial.checkpoint("out").second == bytes);
 }
 
-/// What an evaluation chooses is of an update that has no other checkpoint, and disturbs none.
+/// An evaluation chooses an update that has no other checkpoint, and disturbs no checkpoint.
 TEST(BestCheckpoint, IsChosenByEvaluationsOnOtherTraversals) {
   Trial run("simulated");
   const auto summer = run.env("summer"), winter = run.env("winter");
   const auto without = run.train(60, "without", {"--lockstep"});
-  ASSERT_EQ(without->wait(kLong), 0) << without->output();
+  ASSERT_EQ(without->wait(kLongWait), 0) << without->output();
   const auto with = run.train(60, "with", {"--lockstep", "--evaluate-every", "7", "--evaluate", "summer,winter"});
-  ASSERT_EQ(with->wait(kLong), 0) << with->output();
+  ASSERT_EQ(with->wait(kLongWait), 0) << with->output();
   EXPECT_TRUE(run.checkpoint("with") == run.checkpoint("without")) << "the final checkpoints differ";
   const Json best = Json::parse(contents(run.folder() / "with/summary.json"))["train"]["best"];
   EXPECT_EQ(best["chosen_by"], "evaluation");

@@ -18,7 +18,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr seconds kSoon{30};
+constexpr seconds kShortWait{30};
 
 TEST(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
   Trial run("simulated");
@@ -26,13 +26,13 @@ TEST(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
   auto encoder = run.encoder({});
   constexpr int kUpdates = 300;
   const auto straight = run.train(kUpdates, "straight", {"--lockstep"});
-  ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
+  ASSERT_EQ(straight->wait(kLongWait), 0) << straight->output();
   const auto disturbed = run.train(kUpdates, "disturbed", {"--lockstep"});
-  ASSERT_TRUE(run.has_checkpoint("disturbed", kLong)) << disturbed->output();
+  ASSERT_TRUE(run.has_checkpoint("disturbed", kLongWait)) << disturbed->output();
   ASSERT_EQ(encoder->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   ASSERT_FALSE(disturbed->says("trained ", milliseconds(1))) << "it had finished training before";
   encoder = run.encoder({});
-  ASSERT_EQ(disturbed->wait(kLong), 0) << disturbed->output() << encoder->output();
+  ASSERT_EQ(disturbed->wait(kLongWait), 0) << disturbed->output() << encoder->output();
   EXPECT_EQ(run.checkpoint("disturbed").first, run.checkpoint("straight").first);
   EXPECT_TRUE(run.checkpoint("disturbed").second == run.checkpoint("straight").second) << "the checkpoints differ";
 }
@@ -41,7 +41,7 @@ TEST(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
   Trial run("simulated");
   const auto summer = run.env("summer", kDrawn);
   const auto hog = run.encoder({"--id", "hog", "--encoder", "hog"});
-  ASSERT_TRUE(hog->says("serves 'env-summer'", kSoon)) << hog->output();
+  ASSERT_TRUE(hog->says("serves 'env-summer'", kShortWait)) << hog->output();
   for (const Arguments& options :
        {Arguments{"--encoder", "patchnorm"}, Arguments{"--encoder", "hog", "--hog-bins", "9"},
         Arguments{"--encoder", "hog", "--dimension", "32"}})
@@ -49,7 +49,7 @@ TEST(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
       Arguments all = {"--id", "other", "--store", store};
       all.insert(all.end(), options.begin(), options.end());
       const auto other = run.encoder(all);
-      ASSERT_EQ(other->wait(kSoon), 1) << other->output();
+      ASSERT_EQ(other->wait(kShortWait), 1) << other->output();
       EXPECT_TRUE(contains(other->output(), "'hog' already encodes with")) << other->output();
     }
 }
@@ -59,8 +59,8 @@ TEST(Encoding, PixelsReachThePolicyServiceAsTheyAre) {
   EncodingWatch watch(run.middleware());
   const auto encoder = run.encoder({"--encoder", "raw84", "--dimension", "0", "--centring", "none"});
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:16"});
-  ASSERT_TRUE(encoder->says("serves 'env-summer'", kSoon)) << encoder->output();
-  const std::vector<float> pixels = watch.features("summer", "encoder", kSoon);
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kShortWait)) << encoder->output();
+  const std::vector<float> pixels = watch.features("summer", "encoder", kShortWait);
   ASSERT_EQ(pixels.size(), 16u * 84 * 84 * 3) << encoder->output();
   const auto [least, most] = std::minmax_element(pixels.begin(), pixels.end());
   EXPECT_GE(*least, 0);
@@ -103,7 +103,7 @@ TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnc
       const auto summer = run.env("summer", kLongWay);
       int encoded = 0;
       for (const auto& encoder : encoders) {
-        ASSERT_TRUE(encoder->says("summer: ready", kLong)) << what << encoder->output();
+        ASSERT_TRUE(encoder->says("summer: ready", kLongWait)) << what << encoder->output();
         const int own = number_before(encoder->output(), " of them now");
         EXPECT_GE(own, kLongWayFrames / count / 4) << what << ": it has its share";
         EXPECT_EQ(own + number_before(encoder->output(), " by others"), kLongWayFrames) << what << encoder->output();
@@ -121,9 +121,9 @@ TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnc
                   serving = i;
               return serving < ids.size();
             },
-            kSoon))
+            kShortWait))
             << what;
-        const std::vector<float> features = watch.features("summer", ids[serving], kSoon);
+        const std::vector<float> features = watch.features("summer", ids[serving], kShortWait);
         ASSERT_FALSE(features.empty()) << what << encoders[serving]->output();
         if (expected.empty()) expected = features;
         EXPECT_TRUE(features == expected) << what << ", " << ids[serving];
@@ -144,17 +144,17 @@ TEST(EncodingShared, OneThatComesLateFetchesEverything) {
   Trial run("simulated");
   const auto one = run.encoder({"--id", "one", "--store", "none"});
   const auto summer = run.env("summer", kLongWay), fall = run.env("fall", kLongWay);
-  ASSERT_TRUE(one->says("fall: ready", kLong)) << one->output();
-  ASSERT_TRUE(one->says("summer: ready", kLong)) << one->output();
+  ASSERT_TRUE(one->says("fall: ready", kLongWait)) << one->output();
+  ASSERT_TRUE(one->says("summer: ready", kLongWait)) << one->output();
   const auto two = run.encoder({"--id", "two", "--store", run.folder() / "own"});
-  ASSERT_TRUE(two->says("fall: ready", kLong)) << two->output();
-  ASSERT_TRUE(two->says("summer: ready", kLong)) << two->output();
+  ASSERT_TRUE(two->says("fall: ready", kLongWait)) << two->output();
+  ASSERT_TRUE(two->says("summer: ready", kLongWait)) << two->output();
   EXPECT_EQ(occurrences(two->output(), "(0 of them now, " + kLongWayCount + " by others"), 2) << two->output();
   EXPECT_EQ(two->end(SIGTERM, seconds(5)), 0);
   EXPECT_TRUE(contains(two->output(), " 0 frames encoded")) << two->output();
   // What it fetched is in its store.
   const auto again = run.encoder({"--id", "two", "--store", run.folder() / "own"});
-  ASSERT_TRUE(again->says(kLongWayCount + " of " + kLongWayCount + " frames were encoded before", kSoon))
+  ASSERT_TRUE(again->says(kLongWayCount + " of " + kLongWayCount + " frames were encoded before", kShortWait))
       << again->output();
 }
 
@@ -170,14 +170,14 @@ TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
     const auto summer = run.env("summer", kLongWay);
     int by_killed = 0;
     if (killed_at > 0) {
-      ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= killed_at; }, kLong)) << what;
+      ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= killed_at; }, kLongWait)) << what;
       by_killed = watch.encoded("one");
       ASSERT_EQ(encoders["one"]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
     }
     int encoded = 0, fetched = 0;
     for (const auto& [id, encoder] : encoders) {
       if (id == "one" && killed_at > 0) continue;
-      ASSERT_TRUE(encoder->says("summer: ready", kLong)) << what << encoder->output();
+      ASSERT_TRUE(encoder->says("summer: ready", kLongWait)) << what << encoder->output();
       encoded += number_before(encoder->output(), " of them now");
       fetched += number_before(encoder->output(), " by others");
     }
@@ -186,7 +186,7 @@ TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
       EXPECT_LE(by_killed + encoded, kLongWayFrames + 2 * 64) << what << ": its unfinished blocks alone are lost";
       // It comes back with what it had, and fetches the rest.
       encoders["one"] = run.encoder({"--id", "one", "--store", own_store(run, "one", true)});
-      ASSERT_TRUE(encoders["one"]->says("summer: ready", kLong)) << encoders["one"]->output();
+      ASSERT_TRUE(encoders["one"]->says("summer: ready", kLongWait)) << encoders["one"]->output();
       EXPECT_EQ(number_before(encoders["one"]->output(), " of them now"), 0);
       const int before =
           number_before(encoders["one"]->output(), " of " + kLongWayCount + " frames were encoded before");
@@ -201,9 +201,9 @@ TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
               serving = id;
           return !serving.empty();
         },
-        kSoon))
+        kShortWait))
         << what;
-    const std::vector<float> features = watch.features("summer", serving, kSoon);
+    const std::vector<float> features = watch.features("summer", serving, kShortWait);
     ASSERT_FALSE(features.empty()) << what;
     if (expected.empty()) expected = features;
     EXPECT_TRUE(features == expected) << what;
@@ -216,7 +216,7 @@ TEST(EncodingShared, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
              two = run.encoder({"--id", "two", "--store", "none"});
   const auto summer = run.env("summer", kLongWay);
   for (const auto* encoder : {one.get(), two.get()})
-    ASSERT_TRUE(encoder->says("summer: ready", kLong)) << encoder->output();
+    ASSERT_TRUE(encoder->says("summer: ready", kLongWait)) << encoder->output();
   EXPECT_EQ(number_before(one->output(), " of them now") + number_before(two->output(), " of them now"),
             kLongWayFrames);
 }
@@ -253,13 +253,13 @@ TEST(EncodingNames, RecordingsOfEqualContentsAreServedUnderEachName) {
         envs.push_back(run.env(order[i], options));
         const auto begin = order.begin(), here = begin + static_cast<std::ptrdiff_t>(i);
         if (std::find(begin, here, order[i]) == here) {  // its name is new: it is found before the next one comes
-          ASSERT_TRUE(encoder->says(fmt::format("from 'env-{}'", i), kSoon)) << what << encoder->output();
+          ASSERT_TRUE(encoder->says(fmt::format("from 'env-{}'", i), kShortWait)) << what << encoder->output();
         }
       }
       for (std::size_t i = 0; i < order.size(); ++i)
-        ASSERT_TRUE(encoder->says(fmt::format("serves 'env-{}'", i), kSoon)) << what << encoder->output();
+        ASSERT_TRUE(encoder->says(fmt::format("serves 'env-{}'", i), kShortWait)) << what << encoder->output();
       for (const std::string& name : order) {
-        const std::vector<float> features = watch.features(name, "encoder", kSoon);
+        const std::vector<float> features = watch.features(name, "encoder", kShortWait);
         ASSERT_FALSE(features.empty()) << what << ", " << name;
         if (order.size() == 1) expected = features;
         EXPECT_TRUE(features == expected) << what << ", " << name;
@@ -273,7 +273,7 @@ TEST(EncodingNames, AnAgentIsTriedOnARecordingOfEqualContents) {
   const auto summer = run.env("summer", tiny_route(run, "summer"));
   const auto encoder = run.encoder({"--encoder", "patchnorm", "--dimension", "4"});
   const auto policy = run.train(4, "out", {"--train", "summer", "--evaluate", "summer,winter", "--frames", "0:30"});
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
   const Json traversals = Json::parse(contents(run.folder() / "out/manifest.json"))["traversals"];
   ASSERT_EQ(traversals.size(), 2u) << traversals;
   EXPECT_EQ(traversals["summer"], traversals["winter"]);
@@ -284,13 +284,14 @@ TEST(EncodingNames, OtherFramesUnderTheReferencesNameAreNamed) {
   Arguments options = tiny_route(run, "summer");
   auto summer = run.env("summer", options);
   const auto encoder = run.encoder({"--encoder", "patchnorm", "--dimension", "4"});
-  ASSERT_TRUE(encoder->says("serves 'env-summer'", kSoon)) << encoder->output();
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kShortWait)) << encoder->output();
   EXPECT_FALSE(contains(encoder->output(), "hosts other frames"));
   ASSERT_EQ(summer->end(SIGTERM, seconds(5)), 0);
   options.insert(options.end(), {"--frames", "0:20"});
   summer = run.env("summer", options);
-  ASSERT_TRUE(encoder->says("'env-summer' hosts other frames of the reference 'summer'", kSoon)) << encoder->output();
-  EXPECT_TRUE(poll_until([&] { return occurrences(encoder->output(), "serves 'env-summer'") == 2; }, kSoon));
+  ASSERT_TRUE(encoder->says("'env-summer' hosts other frames of the reference 'summer'", kShortWait))
+      << encoder->output();
+  EXPECT_TRUE(poll_until([&] { return occurrences(encoder->output(), "serves 'env-summer'") == 2; }, kShortWait));
 }
 
 TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
@@ -300,17 +301,17 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   std::filesystem::resize_file(run.folder() / "data/summer/007.ppm", 60);
   const auto summer = run.env("summer", options);
   const auto strict = run.encoder({"--dimension", "8"});
-  ASSERT_TRUE(strict->says("summer is refused", kSoon)) << strict->output() << summer->output();
+  ASSERT_TRUE(strict->says("summer is refused", kShortWait)) << strict->output() << summer->output();
   EXPECT_TRUE(contains(strict->output(), "007.ppm"));
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
-  ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
+  ASSERT_EQ(policy->wait(kShortWait), 1) << policy->output();
   EXPECT_TRUE(contains(policy->output(), "summer is refused: frame 7"));
   ASSERT_EQ(strict->end(SIGTERM, seconds(5)), 0);
   const auto lenient = run.encoder({"--dimension", "8", "--on-bad-frame", "skip"});
-  EXPECT_TRUE(lenient->says("serves 'env-summer'", kSoon)) << lenient->output();
+  EXPECT_TRUE(lenient->says("serves 'env-summer'", kShortWait)) << lenient->output();
   // Another one fetches what can be encoded, and sees for itself what cannot.
   const auto second = run.encoder({"--id", "second", "--dimension", "8", "--on-bad-frame", "skip", "--store", "none"});
-  EXPECT_TRUE(second->says("summer: ready", kSoon)) << second->output();
+  EXPECT_TRUE(second->says("summer: ready", kShortWait)) << second->output();
   EXPECT_TRUE(contains(second->output(), "(0 of them now, 29 by others")) << second->output();
   EXPECT_TRUE(contains(second->output(), "007.ppm")) << second->output();
 }
@@ -319,20 +320,20 @@ TEST(EncodingFaults, DefaultsFitAShortRouteAndGivenValuesMustFit) {
   Trial run("simulated");
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:20"});
   const auto strict = run.encoder({"--dimension", "64"});
-  ASSERT_EQ(strict->wait(kSoon), 1) << strict->output();
+  ASSERT_EQ(strict->wait(kShortWait), 1) << strict->output();
   EXPECT_TRUE(contains(strict->output(), "dimension: is 64 (0 to 19: the reference has 20 frames")) << strict->output();
   const auto encoder = run.encoder({});
-  ASSERT_TRUE(encoder->says("serves 'env-summer'", kSoon)) << encoder->output();
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kShortWait)) << encoder->output();
   EXPECT_TRUE(contains(encoder->output(), "--dimension is 19 instead of 64")) << encoder->output();
   const auto too_long = run.policy({"--frames", "0:128", "--wait", std::to_string(3 * kSlowness)});
-  ASSERT_EQ(too_long->wait(kSoon), 1) << too_long->output();
+  ASSERT_EQ(too_long->wait(kShortWait), 1) << too_long->output();
   EXPECT_TRUE(contains(too_long->output(), "has 20 frames, the route needs frames 0..127")) << too_long->output();
   for (const Arguments& mode :
        {Arguments{"--steps", "1024", "--curriculum"}, Arguments{"--mode", "evaluate", "--agent", "blind"}}) {
     Arguments options = {"--tasks", "8", "--evaluate", "summer", "--output", run.folder() / mode[1]};
     options.insert(options.end(), mode.begin(), mode.end());
     const auto policy = run.policy(options);
-    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
     EXPECT_TRUE(contains(policy->output(), "'summer' has 20 frames: --frames is 0:20")) << mode[0];
   }
   const Json manifest = Json::parse(contents(run.folder() / "1024/manifest.json"));
@@ -345,7 +346,7 @@ TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
   const auto summer = run.env("summer", kDrawn);
   const auto encoder = run.encoder({"--reference", "spring"});
   const auto policy = run.policy({"--wait", std::to_string(4 * kSlowness)});
-  ASSERT_EQ(policy->wait(kSoon), 1) << policy->output() << encoder->output();
+  ASSERT_EQ(policy->wait(kShortWait), 1) << policy->output() << encoder->output();
   EXPECT_TRUE(contains(policy->output(), "summer waits for an env_service on the reference 'spring'"));
 }
 
@@ -354,14 +355,14 @@ TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
   const auto summer = run.env("summer", kDrawn);
   const auto encoder = run.encoder({});
   const auto policy = run.train(10, "out");
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
 }
 
 TEST(EncodingFaults, WithoutAnEncoderServiceThePolicyServiceSaysWhatIsMissing) {
   Trial run("simulated");
   const auto summer = run.env("summer", kDrawn);
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
-  ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
+  ASSERT_EQ(policy->wait(kShortWait), 1) << policy->output();
   EXPECT_TRUE(contains(policy->output(), "whose images wait for an encoder_service"));
 }
 

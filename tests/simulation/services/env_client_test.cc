@@ -122,7 +122,7 @@ TEST_F(EnvClientTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
     EXPECT_EQ(env->settings.by_reference(), id == "env-more");
     EXPECT_TRUE(player.until([&] { return player.shown[id].size() >= 3; }));
   }
-  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
   info.frames() = 10;
   info.feature_dimension() = 2;
   info.images() = true;
@@ -163,7 +163,7 @@ TEST_F(EnvClientTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   EXPECT_TRUE(player.shown["env-wide"][before] == player.shown["env-wide"][0]);
   EXPECT_EQ(requests(), 0) << "fetched once";
   // Features asked for directly are those at hand, too.
-  const auto some = player.client.fetch_features(*player.env("env-wide"), 3, 2, kPatience);
+  const auto some = player.client.fetch_features(*player.env("env-wide"), 3, 2, kMaxWait);
   EXPECT_EQ(some, std::vector<float>(traversal.features.begin() + 3 * 30000, traversal.features.begin() + 5 * 30000));
   EXPECT_EQ(requests(), 0);
 }
@@ -173,7 +173,7 @@ TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsRefusedInTheEnd) {
   const Host host(small, 2, run_);
   // One that announces features and never hands them out.
   Node miser({middleware_options("inprocess"), "env_service", "miser", run_});
-  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
   info.traversal() = "hoard";
   info.frames() = 20;
   info.feature_dimension() = 100000;
@@ -211,7 +211,7 @@ TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   // An env_service that announces a traversal, and a stranger who answers in its place.
   Node owner({middleware_options("inprocess"), "owner", "owner", run_});
   Node stranger({middleware_options("inprocess"), "stranger", "stranger", run_});
-  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
   info.traversal() = "road";
   info.hash() = 77;
   info.frames() = 3;
@@ -304,7 +304,7 @@ TEST_F(EnvClientTest, AnErrorAboutOneEnvServiceConcernsItAlone) {
 
 TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
   Node deaf({middleware_options("inprocess"), "env_service", "deaf", run_});
-  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
   info.frames() = 20;
   info.feature_dimension() = 2;
   EnvClientOptions options;
@@ -365,7 +365,7 @@ TEST_F(EnvClientTest, OfTwoContentsTheSecondIsRefusedUntilTheFirstIsGone) {
 TEST_F(EnvClientTest, TheCacheKeepsWhatIsHeldAndLittleElse) {
   Player player(run_);
   FeatureCache cache(player.node, 2000 * sizeof(float));
-  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
   info.frames() = 100;
   info.feature_dimension() = 100;
   const ChunkLayout layout(100, 100);

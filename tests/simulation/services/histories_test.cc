@@ -49,7 +49,7 @@ class History {
                 chronicle_.programs.size(), heard, required, entries(chronicle_.acknowledged_by("dashboard")));
     return faults_;
   }
-  /// What was done, and what the services said to it.
+  /// Returns what was done, and what the services said.
   std::string story() const {
     std::string story = log_;
     for (const auto& program : chronicle_.programs) {
@@ -299,7 +299,7 @@ class History {
               missing.substr(0, 200));
     }
   }
-  /// Of the episodes that a process commanded, none is missing before one that stands there.
+  /// Expects no gap in the episodes that a process commanded.
   void expect_no_hole(const Program& program, const Ledger& has) {
     for (const auto& [source, numbers] : has) {
       std::uint64_t missing = 0;

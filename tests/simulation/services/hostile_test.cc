@@ -13,7 +13,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kLong{60}, kSoon{10};
+constexpr seconds kLongWait{60}, kShortWait{10};
 constexpr int kTimes = 5;  // each message, at least
 const float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinite = std::numeric_limits<float>::infinity();
 
@@ -42,7 +42,7 @@ class Stranger {
       });
       return found.has_value();
     };
-    EXPECT_TRUE(eventually([this] { raw_->wait(Clock::now() + milliseconds(20)); }, heard, kLong))
+    EXPECT_TRUE(eventually([this] { raw_->wait(Clock::now() + milliseconds(20)); }, heard, kLongWait))
         << "nothing of " << topic_of<Message>().type << " was heard";
     return found.value_or(Message());
   }
@@ -50,12 +50,12 @@ class Stranger {
   void forget() {
     topics_.take([](const Topic&, const Bytes&) {});
   }
-  /// As it is, header and all, where messages of this run are heard.
+  /// Publishes a message as it is, header included, where messages of this run are heard.
   template <class Message>
   void say(const Message& message) {
     say<Message>(message, [](Bytes&) {});
   }
-  /// Its bytes as `change` leaves them.
+  /// Publishes its bytes as `change` leaves them.
   template <class Message>
   void say(const Message& message, const std::function<void(Bytes&)>& change) {
     Message of_run = message;
@@ -95,7 +95,7 @@ class Hostile : public ::testing::Test {
   /// Service `id` counts the message that `attack` sends, each time anew.
   void expect_counted(const std::string& what, const std::string& id, Count count,
                       const std::function<void()>& attack) {
-    ASSERT_TRUE(witness_.until([&] { return witness_.status.contains(id); }, kLong));
+    ASSERT_TRUE(witness_.until([&] { return witness_.status.contains(id); }, kLongWait));
     const std::uint64_t before = count(witness_.status[id]);
     Clock::time_point next{};
     EXPECT_TRUE(witness_.until(
@@ -103,12 +103,12 @@ class Hostile : public ::testing::Test {
           if (Clock::now() >= next) attack(), next = Clock::now() + milliseconds(20);
           return count(witness_.status[id]) >= before + kTimes;
         },
-        kSoon))
+        kShortWait))
         << what << ": " << count(witness_.status[id]) - before << " counted by " << id;
   }
   void expect_training_goes_on() {
     const std::uint64_t updates = witness_.updates;
-    EXPECT_TRUE(witness_.until([&] { return witness_.updates > updates + 3; }, kSoon));
+    EXPECT_TRUE(witness_.until([&] { return witness_.updates > updates + 3; }, kShortWait));
   }
 
   Trial trial_{"simulated"};
@@ -119,7 +119,7 @@ class Hostile : public ::testing::Test {
 TEST_F(Hostile, APolicyServiceBelievesEnvServicesAlone) {
   const auto env = trial_.env("summer");
   const auto policy = trial_.train(10'000'000, "out", {"--middleware", "lossy,drop=0.1,seed=2:simulated"});
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << policy->output();
   const auto observation = stranger_.hear<msg::Observation>();
   const auto info = stranger_.hear<msg::TraversalInfo>();
   const auto episode = stranger_.hear<msg::EpisodeStat>();
@@ -168,7 +168,7 @@ TEST_F(Hostile, APolicyServiceBelievesEnvServicesAlone) {
 TEST_F(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
   const auto env = trial_.env("summer");
   const auto policy = trial_.train(10'000'000, "out");
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << policy->output();
   // It introduces itself as the env_services do, is told what to do, and shows places that are beside the route.
   auto info = stranger_.hear<msg::TraversalInfo>();
   auto observation = stranger_.hear<msg::Observation>();
@@ -184,7 +184,7 @@ TEST_F(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
           if (settings.environment() == "stranger") return true;
         return false;
       },
-      kLong));
+      kLongWait));
   observation.settings() = settings.settings();
   observation.step() = 0;
   observation.position()[0] = settings.first_frame() + settings.frames();
@@ -196,14 +196,14 @@ TEST_F(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
 TEST_F(Hostile, AnEnvServiceObeysWhoIsInCharge) {
   const auto env = trial_.env("summer");
   const auto policy = trial_.train(10'000'000, "out");
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << policy->output();
   const auto settings = stranger_.hear<msg::TaskSettings>();
   const auto genuine = stranger_.hear<msg::Action>();
   const std::string id = "env-summer";
 
   // While the policy_service sleeps, the env_service waits for the action that it now gets from somebody else.
   policy->send(SIGSTOP);
-  ASSERT_TRUE(witness_.until([&] { return witness_.status[id].service_state() == msg::WAITING; }, kSoon));
+  ASSERT_TRUE(witness_.until([&] { return witness_.status[id].service_state() == msg::WAITING; }, kShortWait));
   stranger_.forget();
   const auto observation = stranger_.hear<msg::Observation>();
   msg::Action action = genuine;
@@ -251,7 +251,7 @@ TEST_F(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   const auto env = trial_.env("summer");
   const auto learner = trial_.train(10'000'000, "out", {"--role", "learner"});
   const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << learner->output() << actor->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << learner->output() << actor->output();
   const auto trajectory = stranger_.hear<msg::Trajectory>();
   const auto info = stranger_.hear<msg::LearnerInfo>();
   const auto parameters = stranger_.hear<msg::PolicyParameters>();

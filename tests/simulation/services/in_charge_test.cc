@@ -12,7 +12,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kSoon{10};
+constexpr seconds kShortWait{10};
 
 class InCharge : public ::testing::Test {
  protected:
@@ -32,12 +32,12 @@ class InCharge : public ::testing::Test {
     policy.until([&] { return Clock::now() >= end; }, 2 * time);
     policy.walker = walker;
   }
-  bool both(const std::function<bool()>& condition, milliseconds patience = kSoon) {
+  bool both(const std::function<bool()>& condition, milliseconds patience = kShortWait) {
     return eventually([&] { one_.spin(), two_.spin(); }, condition, patience);
   }
   bool steps(ScriptedPolicy& policy) {
     const std::uint64_t before = policy.steps();
-    return policy.until([&] { return policy.steps() > before; }, kSoon);
+    return policy.until([&] { return policy.steps() > before; }, kShortWait);
   }
 
   Trial trial_{"simulated"};
@@ -50,11 +50,11 @@ class InCharge : public ::testing::Test {
 
 TEST_F(InCharge, TheOneThatWasSilentIsToldWhoTookOver) {
   train(one_, 32);
-  ASSERT_TRUE(one_.until([&] { return one_.steps() > 5; }, kSoon)) << env_->output();
+  ASSERT_TRUE(one_.until([&] { return one_.steps() > 5; }, kShortWait)) << env_->output();
   EXPECT_TRUE(contains(env_->output(), "settings 1 of 'one': training, frames 0..31")) << env_->output();
   silence(seconds(4));
   train(two_, 16);
-  ASSERT_TRUE(two_.until([&] { return two_.steps() > 5; }, kSoon)) << env_->output();
+  ASSERT_TRUE(two_.until([&] { return two_.steps() > 5; }, kShortWait)) << env_->output();
   EXPECT_EQ(occurrences(env_->output(), "policy_service 'two' takes over from 'one', which was last heard 4."), 1)
       << env_->output();
   EXPECT_TRUE(contains(env_->output(), "settings 1 of 'two': training, frames 0..15")) << env_->output();
@@ -89,7 +89,7 @@ TEST_F(InCharge, ARestartedOneIsNamedToo) {
 
 TEST_F(InCharge, ARefusedOneHearsWhoseSettingsAreInForceAsLongAsItAsks) {
   train(one_, 32);
-  ASSERT_TRUE(one_.until([&] { return one_.steps() > 5; }, kSoon)) << env_->output();
+  ASSERT_TRUE(one_.until([&] { return one_.steps() > 5; }, kShortWait)) << env_->output();
   const int known = one_.infos;
   train(two_, 16);
   ASSERT_TRUE(both([&] { return one_.infos >= known + 5; })) << "answered " << one_.infos - known << " times";
@@ -108,7 +108,7 @@ TEST_F(InCharge, OneThatWasIdleAndWorksAgainKeepsIt) {
   train(one_, 32);
   ASSERT_TRUE(steps(one_)) << env_->output();
   one_.command(msg::TaskSettings());  // idle
-  ASSERT_TRUE(one_.until([&] { return one_.in_force(); }, kSoon)) << env_->output();
+  ASSERT_TRUE(one_.until([&] { return one_.in_force(); }, kShortWait)) << env_->output();
   train(one_, 16);
   ASSERT_TRUE(steps(one_)) << env_->output();
   train(two_, 16);

@@ -9,7 +9,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kSoon{10};
+constexpr seconds kShortWait{10};
 
 class Misfits : public ::testing::Test {
  protected:
@@ -28,18 +28,18 @@ class Misfits : public ::testing::Test {
     return trial_.policy(all);
   }
   bool trains(const std::string& id = "policy") {
-    return witness_.until([&] { return witness_.updates >= 3 && witness_.status.contains(id); }, kLong);
+    return witness_.until([&] { return witness_.updates >= 3 && witness_.status.contains(id); }, kLongWait);
   }
   /// The service's status names the env_service and what is wrong with it.
   void expect_alarm(const std::string& id, const std::string& env, const std::string& what) {
     const auto named = [&] {
       return contains(witness_.alarm(id), "'" + env + "'") && contains(witness_.alarm(id), what);
     };
-    EXPECT_TRUE(witness_.until(named, kSoon)) << env << ": " << witness_.alarm(id);
+    EXPECT_TRUE(witness_.until(named, kShortWait)) << env << ": " << witness_.alarm(id);
   }
   void expect_training_goes_on() {
     const std::uint64_t updates = witness_.updates;
-    EXPECT_TRUE(witness_.until([&] { return witness_.updates > updates + 3; }, kSoon));
+    EXPECT_TRUE(witness_.until([&] { return witness_.updates > updates + 3; }, kShortWait));
   }
   static int times_logged(const Service& service, const std::string& env) {
     return occurrences(service.output(), "env_service '" + env + "': is not used");
@@ -68,7 +68,7 @@ TEST_F(Misfits, EachThatJoinsATrainingIsNamedOnceAndLeftAside) {
   const auto wide_sibling = env("wide-fall", "fall", 160, {"--synthetic-dimension", "128"});
   expect_alarm("policy", "wide-fall", "has 128 features a frame, the agent needs 64");
   expect_training_goes_on();
-  ASSERT_EQ(run->wait(kLong), 0) << run->output();
+  ASSERT_EQ(run->wait(kLongWait), 0) << run->output();
   for (const std::string id : {"wide", "short", "another", "short-winter", "wide-fall"})
     EXPECT_EQ(times_logged(*run, id), 1) << id << "\n" << run->output();
   EXPECT_TRUE(contains(run->output(), "place_filter  summer")) << "evaluated, and nothing else is waited for";
@@ -102,7 +102,7 @@ class Miser {
     again_ = Clock::now() + milliseconds(500);
   }
   bool joins(const Service& run) {
-    return poll_until([&] { return introduce(), contains(run.output(), "'a-miser' joins"); }, kLong);
+    return poll_until([&] { return introduce(), contains(run.output(), "'a-miser' joins"); }, kLongWait);
   }
 
  private:
@@ -118,7 +118,7 @@ TEST_F(Misfits, OneThatDeliversNoFeaturesDoesNotEndATraining) {
   const auto summer = env("summer", "summer", 160);
   std::optional<int> status;
   EXPECT_TRUE(
-      witness_.until([&] { return miser.introduce(), (status = run->wait(milliseconds(1))).has_value(); }, kLong))
+      witness_.until([&] { return miser.introduce(), (status = run->wait(milliseconds(1))).has_value(); }, kLongWait))
       << run->output();
   EXPECT_EQ(status, 0) << run->output();
   EXPECT_EQ(times_logged(*run, "a-miser"), 1) << run->output();
@@ -138,7 +138,7 @@ TEST_F(Misfits, AStopEndsTheWaitForFeatures) {
   ASSERT_TRUE(miser.joins(*run)) << run->output();
   EXPECT_TRUE(witness_.until(
       [&] { return miser.introduce(), contains(witness_.status["policy"].activity().c_str(), "features of 'summer'"); },
-      kSoon));
+      kShortWait));
   EXPECT_EQ(run->end(SIGTERM, seconds(3)), 130) << run->output();
   EXPECT_EQ(occurrences(run->output(), "'a-miser' joins"), 1) << run->output();
 }
@@ -150,23 +150,23 @@ TEST_F(Misfits, OneThatDoesNotConfirmItsSettingsIsNamedSoon) {
     miser.introduce();
     return contains(witness_.alarm("policy"), "env_service 'a-miser': does not confirm its settings");
   };
-  EXPECT_TRUE(witness_.until(named, kSoon)) << run->output();
+  EXPECT_TRUE(witness_.until(named, kShortWait)) << run->output();
 }
 
 TEST_F(Misfits, AnEvaluationGoesOnWithAnotherWhenItsOwnDies) {
   auto one = env("one", "summer", 160);
   const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "1000000"});
-  ASSERT_TRUE(witness_.until([&] { return witness_.episodes("one") > 0; }, kLong)) << run->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.episodes("one") > 0; }, kLongWait)) << run->output();
   const auto two = env("two", "summer", 160);
-  ASSERT_TRUE(run->says("'two' joins", kLong)) << run->output();
+  ASSERT_TRUE(run->says("'two' joins", kLongWait)) << run->output();
   one.reset();
-  EXPECT_TRUE(witness_.until([&] { return witness_.episodes("two") > 0; }, kSoon)) << run->output();
+  EXPECT_TRUE(witness_.until([&] { return witness_.episodes("two") > 0; }, kShortWait)) << run->output();
   two->send(SIGKILL);
   const auto named = [&] {
     const msg::ServiceStatus& status = witness_.status["policy"];
     return status.service_state() == msg::WAITING && contains(status.activity().c_str(), "'two'");
   };
-  EXPECT_TRUE(witness_.until(named, kSoon)) << run->output();
+  EXPECT_TRUE(witness_.until(named, kShortWait)) << run->output();
 }
 
 TEST_F(Misfits, LearnerAndActorsRefuseOtherContentsToo) {
@@ -183,7 +183,7 @@ TEST_F(Misfits, LearnerAndActorsRefuseOtherContentsToo) {
 TEST_F(Misfits, AnEvaluationRefusesTheSecondOfTwoContents) {
   const auto summer = env("summer", "summer", 160);
   const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "1000000"});
-  ASSERT_TRUE(run->says("'summer' joins", kLong)) << run->output();
+  ASSERT_TRUE(run->says("'summer' joins", kLongWait)) << run->output();
   const auto another = env("another", "summer", 160, {"--synthetic-seed", "2"});
   expect_alarm("policy", "another", "has other contents");
 }
@@ -195,7 +195,7 @@ TEST_F(Misfits, AnActorServesNoEnvServiceThatItsLearnerDoesNotKnow) {
   Node stranger({trial_.middleware(), "policy_service", "stranger", "default"});
   msg::LearnerInfo info;
   stranger.create_reader<msg::LearnerInfo>();
-  ASSERT_TRUE(witness_.until([&] { return stranger.take(info); }, kLong)) << learner->output();
+  ASSERT_TRUE(witness_.until([&] { return stranger.take(info); }, kLongWait)) << learner->output();
   ASSERT_EQ(learner->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   info.feature_dimension() = 4096;
   const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
@@ -214,7 +214,7 @@ TEST_F(Misfits, AnActorServesNoEnvServiceThatItsLearnerDoesNotKnow) {
     }
     return contains(witness_.alarm("actor"), "has 64 features a frame, what the run learns from has 4096");
   };
-  EXPECT_TRUE(witness_.until(announced, kLong)) << witness_.alarm("actor") << "\n" << actor->output();
+  EXPECT_TRUE(witness_.until(announced, kLongWait)) << witness_.alarm("actor") << "\n" << actor->output();
   EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130) << actor->output();
 }
 

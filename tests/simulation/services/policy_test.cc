@@ -21,19 +21,19 @@ TEST(Recovery, AKilledPolicyServiceGoesOnByteForByte) {
   const auto summer = run.env("summer");
   constexpr int kUpdates = 300;  // some seconds, so that the first checkpoint is far from the end
   const auto straight = run.train(kUpdates, "straight");
-  ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
+  ASSERT_EQ(straight->wait(kLongWait), 0) << straight->output();
   {
     const auto killed = run.train(100000, "killed", {"--place_filter-nothing"});
     EXPECT_NE(killed->wait(seconds(10)), 0) << "unknown parameters are errors";
   }
   // The schedules follow --steps, so the run to be killed is the same run; it is killed as soon as it has a checkpoint.
   auto killed = run.train(kUpdates, "killed");
-  ASSERT_TRUE(run.has_checkpoint("killed", kLong)) << killed->output();
+  ASSERT_TRUE(run.has_checkpoint("killed", kLongWait)) << killed->output();
   ASSERT_EQ(killed->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
   ASSERT_NE(run.checkpoint("killed").first, run.checkpoint("straight").first) << "it had finished training before";
   const auto resumed = run.train(kUpdates, "killed", {"--resume"});
   ASSERT_TRUE(resumed->says("resuming after update", seconds(10))) << "goes on within 10 s\n" << resumed->output();
-  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  ASSERT_EQ(resumed->wait(kLongWait), 0) << resumed->output();
   const auto expected = run.checkpoint("straight"), found = run.checkpoint("killed");
   EXPECT_EQ(found.first, expected.first);
   EXPECT_TRUE(found.second == expected.second) << "the final checkpoints differ";
@@ -44,17 +44,17 @@ TEST(Recovery, AKilledPolicyServiceGoesOnByteForByte) {
   EXPECT_EQ(points, kUpdates) << "one an update, although some were computed twice";
 }
 
-/// What is kept for a dashboard that is not there comes to every policy_service too.
+/// Episodes that are kept for an absent dashboard come to every policy_service, too.
 TEST(Recovery, ALaggingRecorderDisturbsNobodysRecords) {
   Trial run("simulated");
   const auto summer = run.env("summer", {"--recorders", "dashboard"});
   const auto one = run.train(8, "one");
-  ASSERT_EQ(one->wait(kLong), 0) << one->output();
+  ASSERT_EQ(one->wait(kLongWait), 0) << one->output();
   const auto killed = run.train(200, "two");
-  ASSERT_TRUE(run.has_checkpoint("two", kLong)) << killed->output();
+  ASSERT_TRUE(run.has_checkpoint("two", kLongWait)) << killed->output();
   ASSERT_EQ(killed->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
   const auto resumed = run.train(200, "two", {"--resume"});
-  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  ASSERT_EQ(resumed->wait(kLongWait), 0) << resumed->output();
   const auto first = in_csv(run.folder() / "one/episodes.csv").begin()->second;
   const auto second = in_csv(run.folder() / "two/episodes.csv").begin()->second;
   ASSERT_FALSE(first.empty());
@@ -83,36 +83,36 @@ TEST(Recovery, AKilledEnvServiceIsWelcomedBack) {
   Trial run("simulated");
   auto summer = run.env("summer");
   const auto policy = run.train(600, "out");  // it stands still without its only env_service
-  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  ASSERT_TRUE(run.has_checkpoint("out", kLongWait)) << policy->output();
   summer->send(SIGKILL);
   summer->wait(seconds(5));
   ASSERT_FALSE(policy->says("trained ", milliseconds(1))) << "it had finished training before";
   summer = run.env("summer");
   ASSERT_TRUE(policy->says("restarted env_service", seconds(10))) << policy->output();
-  EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
+  EXPECT_EQ(policy->wait(kLongWait), 0) << policy->output();
 }
 
 TEST(Recovery, SeveralTrainingEnvironmentsOneOfThemLost) {
   Trial run("simulated");
   auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
   const auto policy = run.train(600, "out", {"--environments", "2"});  // each update uses both, or the one that is left
-  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  ASSERT_TRUE(run.has_checkpoint("out", kLongWait)) << policy->output();
   two->send(SIGKILL);
   ASSERT_TRUE(policy->says("goes on without it", seconds(20))) << policy->output();
-  EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
+  EXPECT_EQ(policy->wait(kLongWait), 0) << policy->output();
 }
 
 TEST(Recovery, ATrainingBeginsWithAllItsEnvServices) {
   Trial run("simulated");
   const auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
-  ASSERT_TRUE(two->says("'two' in session", kLong)) << two->output();
+  ASSERT_TRUE(two->says("'two' in session", kLongWait)) << two->output();
   one->send(SIGSTOP);  // it is asked for its features first, and goes silent meanwhile
   const auto policy = run.train(4, "out", {"--environments", "2", "--lockstep"});
-  ASSERT_TRUE(policy->says("'one' joins", kLong)) << policy->output();
-  ASSERT_TRUE(policy->says("waiting for env_services on summer (1 of 2)", kLong)) << policy->output();
+  ASSERT_TRUE(policy->says("'one' joins", kLongWait)) << policy->output();
+  ASSERT_TRUE(policy->says("waiting for env_services on summer (1 of 2)", kLongWait)) << policy->output();
   EXPECT_FALSE(two->output().find("settings 1 of") != std::string::npos) << two->output();
   one->send(SIGCONT);
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
   for (const auto* env : {one.get(), two.get()}) EXPECT_TRUE(contains(env->output(), ": training")) << env->output();
 }
 
@@ -124,7 +124,7 @@ TEST(Lockstep, LossChangesNoByte) {
     Trial run(middleware);
     const auto summer = run.env("summer");
     const auto policy = run.train(30, "out", {"--lockstep", "--seed", "5", "--observations", observations});
-    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
     const std::string bytes = run.checkpoint("out").second;
     if (expected.empty()) expected = bytes;
     EXPECT_FALSE(bytes.empty());
@@ -140,7 +140,7 @@ TEST(Experiences, TrainOnTwoTraversalsThenActOnAThird) {
     const auto policy =
         run.policy({"--train", "summer,fall", "--evaluate", "winter", "--agent", "place_filter", "--steps", "2048",
                     "--tasks", "50", "--controls", "sequence_filter", "--lockstep", "--output", run.folder() / out});
-    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
     bytes[out == "again"] = run.checkpoint(out).second;
   }
   EXPECT_FALSE(bytes[0].empty());
@@ -152,12 +152,12 @@ TEST(Experiences, TrainOnTwoTraversalsThenActOnAThird) {
   const auto later =
       run.policy({"--mode", "evaluate", "--checkpoint", path, "--train", "summer,fall", "--tasks", "50", "--evaluate",
                   "winter", "--controls", "sequence_filter", "--output", run.folder() / "later"});
-  ASSERT_EQ(later->wait(kLong), 0) << later->output();
+  ASSERT_EQ(later->wait(kLongWait), 0) << later->output();
   const Json again = Json::parse(contents(run.folder() / "later/summary.json"));
   for (const char* part : {"evaluate", "controls"}) EXPECT_EQ(again[part], summary[part]) << part;
   const auto other = run.env("night", {"--synthetic-dimension", "32"});
   const auto refused = run.policy({"--train", "summer,night", "--wait", "20", "--evaluate", "winter"});
-  EXPECT_EQ(refused->wait(kLong), 1);
+  EXPECT_EQ(refused->wait(kLongWait), 1);
   EXPECT_TRUE(contains(refused->output(), "traversal 'night': has 32 features a frame, 'summer' has"))
       << refused->output();
 }
@@ -168,7 +168,7 @@ TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
   const auto summer = run.env("summer");
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--time-limit", "2", "--tasks",
                                   "20", "--output", run.folder() / "out"});
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
   const std::string metrics = run.folder() / "out/metrics.csv";
   ASSERT_TRUE(lines_of(contents(metrics)).at(0).ends_with(",learning_rate,policy_lag"));
   std::vector<double> rates;
@@ -181,20 +181,21 @@ TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
 TEST(Stopping, ASignalSavesTheLastUpdate) {
   Trial run("simulated");
   const auto early = run.train(100000, "early");
-  ASSERT_TRUE(early->says("waiting for env_services", kLong)) << early->output();
+  ASSERT_TRUE(early->says("waiting for env_services", kLongWait)) << early->output();
   EXPECT_EQ(early->end(SIGTERM, seconds(2)), 130);
   EXPECT_TRUE(contains(early->output(), "there is no checkpoint yet to resume from")) << early->output();
 
   const auto summer = run.env("summer");
   const std::string metrics = run.folder() / "out/metrics.csv";
   const auto trained = run.train(100000, "out", {"--checkpoint-every", "1000000"});
-  ASSERT_TRUE(poll_until([&] { return csv_rows(metrics).size() > 3; }, kLong)) << trained->output();
+  ASSERT_TRUE(poll_until([&] { return csv_rows(metrics).size() > 3; }, kLongWait)) << trained->output();
   EXPECT_EQ(trained->end(SIGINT, seconds(2)), 130);
   const std::string last = csv_rows(metrics).back().at(0);
   EXPECT_TRUE(contains(trained->output(), "--resume continues after update " + last + "\n")) << trained->output();
   const auto resumed = run.train(100000, "out", {"--checkpoint-every", "1000000", "--resume"});
-  EXPECT_TRUE(resumed->says("resuming after update " + last + " ", kLong)) << resumed->output();
-  ASSERT_TRUE(poll_until([&] { return csv_rows(metrics).size() > std::stoul(last) + 3; }, kLong)) << resumed->output();
+  EXPECT_TRUE(resumed->says("resuming after update " + last + " ", kLongWait)) << resumed->output();
+  ASSERT_TRUE(poll_until([&] { return csv_rows(metrics).size() > std::stoul(last) + 3; }, kLongWait))
+      << resumed->output();
   EXPECT_EQ(resumed->end(SIGINT, seconds(2)), 130);
 }
 
@@ -202,12 +203,12 @@ TEST(Stopping, AtAnSplThatIsGoodEnoughWithItsCheckpointAsTheBest) {
   Trial run("simulated");
   const auto summer = run.env("summer");
   const auto trained = run.train(100000, "out", {"--stop-when", "0.9"});
-  ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
+  ASSERT_EQ(trained->wait(kLongWait), 0) << trained->output();
   const auto last = csv_rows(run.folder() / "out/metrics.csv").back();
   EXPECT_GE(std::stoul(last.at(2)), 100u) << "episodes";
   EXPECT_EQ(contents(run.folder() / "out/checkpoints/best.clk"), run.checkpoint("out").second);
   const auto resumed = run.train(100000, "out", {"--stop-when", "0.9", "--resume"});
-  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  ASSERT_EQ(resumed->wait(kLongWait), 0) << resumed->output();
   EXPECT_EQ(csv_rows(run.folder() / "out/metrics.csv").back(), last) << "it had ended";
 }
 
@@ -218,7 +219,7 @@ TEST(Evaluation, IsTheSameByAnyEnvServices) {
   {
     const auto summer = run.env("summer");
     const auto trained = run.train(40, "trained");
-    ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
+    ASSERT_EQ(trained->wait(kLongWait), 0) << trained->output();
     path = run.folder() / ("trained/checkpoints/" + run.checkpoint("trained").first);
   }
   constexpr int kTasks = 400;
@@ -240,26 +241,26 @@ TEST(Evaluation, IsTheSameByAnyEnvServices) {
   {
     const auto one = run.env("winter", {"--id", "alone", "--agents", "3"});
     const auto policy = evaluate("alone");
-    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
     EXPECT_EQ(tasks("alone")["alone"], 2 * kTasks);
   }
   std::vector<std::unique_ptr<Service>> four;
   for (const std::string id : {"a", "b", "c", "d"}) {
     four.push_back(run.env("winter", {"--id", id}));
-    ASSERT_TRUE(four.back()->says("'" + id + "' in session", kLong)) << four.back()->output();
+    ASSERT_TRUE(four.back()->says("'" + id + "' in session", kLongWait)) << four.back()->output();
   }
   // First, while no env_service has said yet what is waited for.
   const auto broken = evaluate("broken");
-  ASSERT_TRUE(four[1]->says("evaluation tasks 160..", kLong)) << four[1]->output();
+  ASSERT_TRUE(four[1]->says("evaluation tasks 160..", kLongWait)) << four[1]->output();
   ASSERT_EQ(four[1]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
-  ASSERT_EQ(broken->wait(kLong), 0) << broken->output();
+  ASSERT_EQ(broken->wait(kLongWait), 0) << broken->output();
   EXPECT_TRUE(contains(broken->output(), "others evaluate")) << broken->output();
   EXPECT_EQ(scores("broken"), scores("alone"));
 
   four[1] = run.env("winter", {"--id", "b"});
-  ASSERT_TRUE(four[1]->says("'b' in session", kLong)) << four[1]->output();
+  ASSERT_TRUE(four[1]->says("'b' in session", kLongWait)) << four[1]->output();
   const auto together = evaluate("together");
-  ASSERT_EQ(together->wait(kLong), 0) << together->output();
+  ASSERT_EQ(together->wait(kLongWait), 0) << together->output();
   EXPECT_EQ(scores("together"), scores("alone"));
   const int half = kTasks / 2;
   for (const auto& [id, done] : tasks("together")) EXPECT_NEAR(done, half, 16) << id;
@@ -269,19 +270,19 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
   Trial run("simulated");
   const auto summer = run.env("summer");
   const auto trained = run.train(4, "out");
-  ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
+  ASSERT_EQ(trained->wait(kLongWait), 0) << trained->output();
   const auto [name, bytes] = run.checkpoint("out");
   const std::string path = run.folder() / ("out/checkpoints/" + name);
   const auto again = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
                                  "--output", run.folder() / "again"});
-  ASSERT_EQ(again->wait(kLong), 0) << again->output();
+  ASSERT_EQ(again->wait(kLongWait), 0) << again->output();
   EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"],
             Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
   const std::string episodes = contents(run.folder() / "out/episodes.csv");
   const std::string summary = contents(run.folder() / "out/summary.json");
   const auto into_it = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
                                    "--output", run.folder() / "out"});
-  EXPECT_EQ(into_it->wait(kLong), 1) << into_it->output();
+  EXPECT_EQ(into_it->wait(kLongWait), 1) << into_it->output();
   EXPECT_TRUE(contains(into_it->output(), "out/manifest.json: belongs to an earlier run"));
   EXPECT_EQ(contents(run.folder() / "out/episodes.csv"), episodes) << "the training's";
   EXPECT_EQ(contents(run.folder() / "out/summary.json"), summary) << "the training's";

@@ -37,7 +37,7 @@ const std::map<std::string, int (*)(int, char**)> kMains = {{"env_service", env_
                                                             {"policy_service", policy_service_main},
                                                             {"recorder_process", recorder_process_main}};
 
-/// What each process has written to its outputs.
+/// Returns what each process has written to its outputs.
 std::map<const Process*, std::string>& outputs() {
   static std::map<const Process*, std::string> all;
   return all;
@@ -91,7 +91,7 @@ class NumberedProcess : public Process {
   const pid_t number_;
 };
 
-/// Where the programs of a test run.
+/// The simulated machines on which the programs of a test run.
 struct World {
   explicit World(std::uint64_t seed) : scheduler(seed), network(scheduler, seed) { network.faults.latency = kLatency; }
   ~World() { scheduler.end(); }

@@ -32,7 +32,7 @@ TEST(DashboardRecorder, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
     // In the middle of recording, as long as there is something to be recorded.
     const std::int64_t before = recorded(store);
     busy += poll_until([&] { return recorded(store) > before; }, seconds(2));
-    ASSERT_EQ(victim->end(SIGKILL, kLong), 128 + SIGKILL) << victim->output();
+    ASSERT_EQ(victim->end(SIGKILL, kLongWait), 128 + SIGKILL) << victim->output();
   }
   EXPECT_GE(busy, kKills / 2);
   const auto last = run.recorder(store);
@@ -46,14 +46,14 @@ TEST(DashboardRecorder, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
                            "SELECT COUNT(*) = MAX(key) - MIN(key) + 1 AND MIN(key) % (1 << 40) = 1 FROM training")
                        .getInt64() == 1;
       },
-      kLong));
-  ASSERT_TRUE(training->end(SIGTERM, kLong).has_value()) << training->output();
+      kLongWait));
+  ASSERT_TRUE(training->end(SIGTERM, kLongWait).has_value()) << training->output();
   const auto evaluation = run.policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "64", "--evaluate", "summer",
                                       "--output", run.folder() / "blind"});
-  ASSERT_EQ(evaluation->wait(kLong), 0) << evaluation->output();
+  ASSERT_EQ(evaluation->wait(kLongWait), 0) << evaluation->output();
   // it stays until the dashboard has everything
-  ASSERT_EQ(env->end(SIGTERM, kLong), 0) << env->output();
-  ASSERT_EQ(last->end(SIGTERM, kLong), 0) << last->output();
+  ASSERT_EQ(env->end(SIGTERM, kLongWait), 0) << env->output();
+  ASSERT_EQ(last->end(SIGTERM, kLongWait), 0) << last->output();
 
   // The env_service's own count, without gaps; and the policy_service, a recorder of its own, knows of nothing else.
   const Ledger mine = in_store(store), theirs = in_csv(run.folder() / "out/episodes.csv");

@@ -18,7 +18,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kSoon{10};
+constexpr seconds kShortWait{10};
 constexpr milliseconds kPace{1};  // between two messages, so that readers are not merely flooded
 
 /// Sets one field of a message to one of its extremes, both by number. The names stay empty where there is none.
@@ -191,7 +191,7 @@ class Rogue {
   std::set<std::size_t> sent_;
 };
 
-/// Its parameter: a learner and an actor take part instead of one policy_service.
+/// If the parameter is true, a learner and an actor take part instead of one policy_service.
 class Training : public ::testing::TestWithParam<bool> {
  protected:
   void SetUp() override {
@@ -209,9 +209,9 @@ class Training : public ::testing::TestWithParam<bool> {
       services_["actor"] = trial_.policy({"--role", "actor", "--id", "actor"});
     }
     services_["policy"] = trial_.policy(options);
-    ASSERT_TRUE(rogue_.until([&] { return rogue_.status.size() == services_.size() && updates() >= 3; }, kLong))
+    ASSERT_TRUE(rogue_.until([&] { return rogue_.status.size() == services_.size() && updates() >= 3; }, kLongWait))
         << services_["policy"]->output();
-    ASSERT_TRUE(rogue_.until([&] { return rogue_.newest<msg::TraversalInfo>().has_value(); }, kLong));
+    ASSERT_TRUE(rogue_.until([&] { return rogue_.newest<msg::TraversalInfo>().has_value(); }, kLongWait));
   }
 
   std::string store() const { return trial_.folder() / "dashboard.sqlite"; }
@@ -291,10 +291,10 @@ class Training : public ::testing::TestWithParam<bool> {
     const Clock::time_point since = Clock::now();
     const std::size_t learned = updates();
     rogue_.status.clear();
-    EXPECT_TRUE(rogue_.until([&] { return updates() >= learned + 2; }, kSoon))
+    EXPECT_TRUE(rogue_.until([&] { return updates() >= learned + 2; }, kShortWait))
         << "after " << type << ": it stands still";
     const double stood = seconds_since(since);
-    EXPECT_TRUE(rogue_.until([&] { return all_well(); }, kSoon)) << "after " << type;
+    EXPECT_TRUE(rogue_.until([&] { return all_well(); }, kShortWait)) << "after " << type;
     std::uint64_t rejected = 0, repeated = 0, foreign = 0;
     for (const auto& [id, service] : services_) {
       rejected += services_met_[id].rejected() - before.at(id).rejected();
@@ -327,7 +327,7 @@ class Training : public ::testing::TestWithParam<bool> {
 };
 
 TEST_P(Training, GoesOnBesideARogue) {
-  ASSERT_TRUE(rogue_.until([&] { return all_well(); }, kSoon));
+  ASSERT_TRUE(rogue_.until([&] { return all_well(); }, kShortWait));
   for_each_message([&]<class Message>() {
     if (!HasFailure()) attack<Message>();
   });
@@ -335,23 +335,23 @@ TEST_P(Training, GoesOnBesideARogue) {
     for (const auto& [id, service] : services_) ADD_FAILURE() << "== " << id << "\n" << service->output();
   ASSERT_FALSE(HasFailure());
   Service& policy = *services_["policy"];
-  ASSERT_TRUE(rogue_.until([&] { return policy.wait(milliseconds(0)).has_value(); }, kLong)) << policy.output();
-  EXPECT_EQ(policy.wait(kSoon), 0) << policy.output();
+  ASSERT_TRUE(rogue_.until([&] { return policy.wait(milliseconds(0)).has_value(); }, kLongWait)) << policy.output();
+  EXPECT_EQ(policy.wait(kShortWait), 0) << policy.output();
   if (GetParam()) {
-    EXPECT_EQ(services_["actor"]->wait(kSoon), 0) << services_["actor"]->output();
+    EXPECT_EQ(services_["actor"]->wait(kShortWait), 0) << services_["actor"]->output();
   }
   const auto scores = nlohmann::json::parse(contents(out() + "/summary.json"))["evaluate"];
   for (const char* traversal : {"summer", "winter"}) EXPECT_GE(scores[traversal]["spl"], 0.9) << traversal;
   Ledger counted;
   for (const char* id : {"env-summer", "env-winter"}) {
-    ASSERT_EQ(services_[id]->end(SIGTERM, kSoon), 0) << services_[id]->output();
+    ASSERT_EQ(services_[id]->end(SIGTERM, kShortWait), 0) << services_[id]->output();
     const std::string said = services_[id]->output();
     const auto count = std::stoull(said.substr(said.find("stops: ") + 7));
     for (std::uint64_t episode = 1; episode <= count; ++episode)
       counted[{id, services_met_[id].header().incarnation()}].insert(episode);
   }
   for (const char* id : {"dashboard", "encoder"})
-    EXPECT_EQ(services_[id]->end(SIGTERM, kSoon), 0) << services_[id]->output();
+    EXPECT_EQ(services_[id]->end(SIGTERM, kShortWait), 0) << services_[id]->output();
   const Ledger recorded = in_store(store()), learned = in_csv(out() + "/episodes.csv");
   for (const auto& [source, episodes] : counted) {
     const auto& stored = recorded.at(source);

@@ -17,7 +17,7 @@ class SecondPolicy : public ::testing::Test {
   }
   bool trains() {
     const std::uint64_t updates = witness_.updates;
-    return witness_.until([&] { return witness_.updates > updates + 3; }, kLong);
+    return witness_.until([&] { return witness_.updates > updates + 3; }, kLongWait);
   }
   std::unique_ptr<Service> evaluate(const Arguments& more) {
     Arguments all = {"--id",  "second",     "--mode", "evaluate", "--agent",

@@ -29,7 +29,7 @@ std::string not_trained(const Evidence& evidence) {
   return evidence.trained || !evidence.at_rest ? "" : evidence.state;
 }
 
-/// What a dashboard acknowledges of a recording is not_replayed()'s business, as recordings have gaps.
+/// Checks no acknowledgements of recordings, which have gaps: not_replayed() does.
 std::string lost_episode(const Evidence& evidence) {
   for (const auto& [name, records] : evidence.recorders)
     for (const auto& [source, last] : records.acknowledged) {
@@ -107,8 +107,8 @@ std::string untold_hole(const Evidence& evidence) {
 std::string wrong_parameters(const Evidence& evidence) { return evidence.wrong_parameters; }
 
 std::string too_much_memory(const Evidence& evidence) {
-  constexpr std::size_t kMost = 8 << 20;
-  return evidence.memory <= kMost * evidence.processes ? "" : std::to_string(evidence.memory) + " bytes";
+  constexpr std::size_t kMaxBytesPerProcess = 8 << 20;
+  return evidence.memory <= kMaxBytesPerProcess * evidence.processes ? "" : std::to_string(evidence.memory) + " bytes";
 }
 
 std::string unexpected_error(const Evidence& evidence) {

@@ -12,7 +12,7 @@ namespace citylearn::simulation {
 /// A process of an env_service: its id and incarnation.
 using Source = std::pair<std::string, std::uint64_t>;
 
-/// What a recorder, the policy_service or a dashboard, has of the episodes.
+/// The episodes that a recorder has: the policy_service or a dashboard.
 struct Records {
   std::map<Source, std::uint64_t> acknowledged;             ///< all of the source's up to this one
   std::map<Source, std::map<std::uint64_t, int>> recorded;  ///< how often each stands in its file
@@ -21,7 +21,7 @@ struct Records {
   bool ended = false;                                       ///< by itself, when it was asked to
 };
 
-/// What a simulation left behind, and what was seen on its network.
+/// The files that a simulation left, and what was seen on its network.
 struct Evidence {
   bool at_rest = false;                      ///< all services ended in time
   bool trained = false;                      ///< the policy_service ended with status 0

@@ -16,10 +16,10 @@
 namespace citylearn::simulation {
 namespace {
 
-constexpr int kEnvironments = 10;         // of a host
-constexpr std::uint64_t kUpdates = 10;    // before what is measured, and in it
-constexpr std::uint64_t kPatience = 200;  // updates in which all env_services come to work
-constexpr double kLongest = 600;          // seconds of virtual time
+constexpr int kEnvironments = 10;                // of a host
+constexpr std::uint64_t kUpdates = 10;           // before what is measured, and in it
+constexpr std::uint64_t kMaxStartUpdates = 200;  // updates in which all env_services come to work
+constexpr double kMaxSeconds = 600;              // seconds of virtual time
 constexpr Time kStep = std::chrono::milliseconds(100);
 constexpr Time kStart = std::chrono::milliseconds(5);  // between the starts of two services
 constexpr Time kLatency = std::chrono::milliseconds(10);
@@ -135,7 +135,7 @@ std::string Scale::measure_speed(const Costs& costs, const std::function<void(co
   Snapshot before;
   double lag = 0;
   while (updates_ < before.updates + kTimed || before.updates == 0) {
-    step(from_seconds(kLongest), fmt::format("ends after update {}", updates_));
+    step(from_seconds(kMaxSeconds), fmt::format("ends after update {}", updates_));
     if (before.updates == 0 && all_at_work() && updates_ >= kSettled) before = snapshot();
     lag = std::max(lag, lag_);
     progress(fmt::format("{:.1f} s simulated, {} env_services at work, update {}", seconds_of(scheduler_.now()),
@@ -153,8 +153,8 @@ std::string Scale::measure(const std::function<void(const std::string&)>& progre
   start();
   Snapshot before;
   while (updates_ < before.updates + kUpdates || before.updates == 0) {
-    step(from_seconds(kLongest), fmt::format("ends after update {}", updates_));
-    if (before.updates == 0 && updates_ >= (all_at_work() ? kUpdates : kPatience)) before = snapshot();
+    step(from_seconds(kMaxSeconds), fmt::format("ends after update {}", updates_));
+    if (before.updates == 0 && updates_ >= (all_at_work() ? kUpdates : kMaxStartUpdates)) before = snapshot();
     std::uint64_t copies = 0;
     for (const auto& [topic, traffic] : network_.traffic()) copies += traffic.copies;
     progress(fmt::format("{:.1f} s simulated, {} env_services at work, update {}, {:.1f} million copies",
@@ -182,7 +182,7 @@ std::string Scale::measure_late_actor() {
   add(id, body);
   processes_.back()->start();
   const Time begin = scheduler_.now();
-  while (!acted) step(begin + from_seconds(kLongest), fmt::format("'{}' was given no env_service", id));
+  while (!acted) step(begin + from_seconds(kMaxSeconds), fmt::format("'{}' was given no env_service", id));
   network_.arrived = {};
   network_.published = {};
   std::string parts;

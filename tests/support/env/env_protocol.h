@@ -73,7 +73,7 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
     return std::make_unique<ScriptedPolicy>(Host::middleware(GetParam(), 2), run_, "env-summer");
   }
 
-  /// All `count` episodes come, and are those of the same settings and walker without any wire.
+  /// Expects `count` episodes, the same as those of these settings and this walker without a wire.
   void expect_evaluation(std::uint64_t count) {
     ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
     const Traversal traversal = summer();

@@ -40,7 +40,7 @@ inline std::unique_ptr<BackgroundTask> start_background_thread(const TaskBody& b
   return std::make_unique<BackgroundThread>(body);
 }
 
-/// How tests start what runs beside them. Those in simulation start a process there
+/// The function by which tests start what runs beside them. Those in simulation start a process there
 /// (tests/simulation/services/programs.h).
 inline std::unique_ptr<BackgroundTask> (*start_background)(const TaskBody& body) = start_background_thread;
 

@@ -117,7 +117,7 @@ class SequenceFilter : public Walker {
   std::vector<std::vector<double>> beliefs_;
 };
 
-/// What became of `tasks` evaluation tasks.
+/// Figures of `tasks` evaluation tasks.
 struct Figures {
   double completed = 0;  ///< share, 0..1
   double steps = 0;      ///< mean

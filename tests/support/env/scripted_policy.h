@@ -70,7 +70,7 @@ class ScriptedPolicy {
   std::uint64_t steps() const { return next_step_; }
   void give_up() { version_ = 0; }
 
-  bool until(const std::function<bool()>& condition, milliseconds patience = kPatience) {
+  bool until(const std::function<bool()>& condition, milliseconds patience = kMaxWait) {
     return eventually([this] { spin(); }, condition, patience);
   }
 

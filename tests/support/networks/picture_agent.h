@@ -85,8 +85,8 @@ class PictureAgent {
     return read_file(options.agent.output);
   }
 
-  /// What the agent does in the first three tasks of an evaluation on the other season: one after the other, each with
-  /// what was seen before.
+  /// Returns the agent's steps in the first three tasks of an evaluation on the other season: one after the other, each
+  /// with what was seen before.
   std::vector<ServiceStep> steps(std::uint64_t task_seed) const {
     std::vector<ServiceStep> steps;
     const TrainedAgent agent = trained_agent(checkpoint_);

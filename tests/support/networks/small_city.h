@@ -32,7 +32,7 @@ inline Traversal small_city(int frames = 16, int dimension = 12) {
   return city;
 }
 
-/// Where places 3 and 12 are one spot; so are 6, 9 and the last one, if there are 16 or more.
+/// Returns a city where places 3 and 12 are one spot; so are 6, 9 and the last one, if there are 16 or more.
 inline Traversal crossed(Traversal city) {
   for (int place = 0; place < city.frames; ++place) city.turns.push_back(place);
   std::swap(city.turns.at(3), city.turns.at(12));

@@ -71,7 +71,7 @@ inline Matrix<double> some_state(const AgentNetwork<double>& network, int agents
   return state;
 }
 
-/// Of a training of `agent` that is quick.
+/// Returns options of a quick training of `agent`.
 inline TrainerOptions small_options(const std::string& agent, std::uint64_t seed = 1) {
   TrainerOptions options;
   options.agent = agent;

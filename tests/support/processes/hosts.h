@@ -17,7 +17,7 @@
 
 namespace citylearn::testing {
 
-/// What a shell command prints, without the last line end. Throws Error when it fails.
+/// Returns what a shell command prints, without the last line end. Throws Error when it fails.
 inline std::string shell(const std::string& command) {
   FILE* pipe = ::popen(("{ " + command + "\n} 2>&1").c_str(), "re");
   if (!pipe) throw Error("cannot start a shell", command);
@@ -99,7 +99,7 @@ class Hosts {
     if (file >= 0) ::close(file);
     if (!entered) throw Error("cannot be entered", path);
   }
-  /// What a shell command prints on a host.
+  /// Returns what a shell command prints on a host.
   std::string run(int host, const std::string& command) const {
     return shell("ip netns exec " + name(host) + " " + command);
   }

@@ -17,7 +17,7 @@ inline constexpr seconds kWholeRun{240};
 class Learning {
  public:
   explicit Learning(const std::string& middleware) : trial(middleware) {}
-  /// Of the same domain, over another vendor.
+  /// Joins the domain of `other` over another vendor.
   Learning(const std::string& middleware, const Learning& other) : trial(middleware, other.trial.domain()) {}
 
   std::unique_ptr<Service> learner(int updates, Arguments more = {}) {

@@ -8,7 +8,7 @@
 
 namespace citylearn::testing {
 
-/// Whether standard input has ended, as it does when the test lets this program go.
+/// Returns whether standard input has ended, as it does when the test lets this program go.
 inline bool input_ended() {
   pollfd input{0, POLLIN, 0};
   return ::poll(&input, 1, 0) > 0;

@@ -13,8 +13,8 @@
 
 namespace citylearn::testing {
 
-/// From now on this process and its children have mounts, a loopback interface and a /dev/shm of their own, which go
-/// with the last of them. False where this user may not.
+/// Gives this process and its children mounts, a loopback interface and a /dev/shm of their own, which go with the last
+/// of them. Returns false where this user may not.
 inline bool enter_private_machine() {
   return ::unshare(CLONE_NEWNS | CLONE_NEWNET) == 0 &&
          ::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0 &&

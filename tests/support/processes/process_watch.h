@@ -18,7 +18,7 @@ class ProcessWatch {
  public:
   ProcessWatch(std::string name, pid_t process) : name_(std::move(name)), process_(process) {}
 
-  /// At `minutes` of the test. False when the process is gone.
+  /// Takes a sample at `minutes` of the test. Returns false when the process is gone.
   bool look(double minutes) {
     const std::string folder = "/proc/" + std::to_string(process_);
     std::ifstream in(folder + "/statm");

@@ -89,7 +89,7 @@ class RunningProgram {
  public:
   virtual ~RunningProgram() = default;  ///< kills it
   virtual void send(int signal) = 0;
-  /// As Process::wait().
+  /// Does what Process::wait() says.
   virtual std::optional<int> wait(milliseconds patience) = 0;
   virtual std::string output() const = 0;
   virtual pid_t process() const = 0;
@@ -116,7 +116,8 @@ inline std::unique_ptr<RunningProgram> start_process(const Arguments& command, c
   return std::make_unique<ForkedProgram>(command, output);
 }
 
-/// How tests start programs. Those in simulation start them there (tests/simulation/services/programs.h).
+/// The function by which tests start programs. Those in simulation start them there
+/// (tests/simulation/services/programs.h).
 inline std::unique_ptr<RunningProgram> (*start_program)(const Arguments& command,
                                                         const std::string& output) = start_process;
 

@@ -19,7 +19,7 @@
 
 namespace citylearn::testing {
 
-inline constexpr seconds kLong{120};  ///< for what takes a whole run
+inline constexpr seconds kLongWait{120};  ///< for what takes a whole run
 
 /// Options of an env_service: pictures of the drawn city.
 inline const Arguments kDrawn = {"--dataset", "synthetic", "--frames", "0:128"};
@@ -110,7 +110,7 @@ class Trial {
   int count_ = 0;
 };
 
-/// By name: a policy_service's wrong arguments, and what its complaint must name.
+/// A policy_service's wrong arguments and what its complaint must name, by name.
 using WrongInputs = std::map<std::string, std::pair<Arguments, std::string>>;
 
 /// Each ends the policy_service soon, with one line of complaint.

@@ -38,7 +38,7 @@ inline std::vector<std::vector<std::string>> csv_rows(const std::string& path) {
   return rows;
 }
 
-/// Of a policy_service's episodes.csv. Each must be there once.
+/// Returns the episodes of a policy_service's episodes.csv. Each must be there once.
 inline Ledger in_csv(const std::string& path) {
   Ledger ledger;
   for (const auto& row : csv_rows(path)) {

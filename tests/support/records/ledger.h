@@ -11,7 +11,7 @@
 
 namespace citylearn::testing {
 
-/// Of a dashboard's store, in the session "default". Each must be there once.
+/// Returns the episodes of a dashboard's store, in the session "default". Each must be there once.
 inline Ledger in_store(const std::string& path) {
   Ledger ledger;
   SQLite::Database database = open_database(path);
@@ -26,7 +26,7 @@ inline Ledger in_store(const std::string& path) {
   return ledger;
 }
 
-/// All that was acknowledged stands in the ledger, which has no gaps.
+/// Expects all acknowledged episodes in the ledger, without gaps.
 inline void expect_all_acknowledged(const Ledger& ledger, const std::map<Source, std::uint64_t>& acknowledged) {
   expect_no_gaps(ledger);
   for (const auto& [source, episode] : acknowledged) {

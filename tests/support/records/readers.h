@@ -13,7 +13,7 @@ template <class Message>
 void create_readers_of_samples(Node& node, const std::string& sender) {
   if (addressing_of<Message>() == Addressing::kSender) node.create_reader_at<Message>(sender);
   if (addressing_of<Message>() != Addressing::kReceiver) return node.create_reader<Message>();
-  for (const Size size : {Size::kLeast, Size::kTypical, Size::kMost})
+  for (const Size size : {Size::kMin, Size::kTypical, Size::kMax})
     node.create_reader_at<Message>(addresses_of(sample_of<Message>(size)).front().id);
 }
 

@@ -9,7 +9,7 @@
 
 namespace citylearn::testing {
 
-/// What a recorder has on disk: it outlives the process.
+/// The episodes that a recorder has on disk: they outlive the process.
 using EpisodeStore = std::map<std::string, std::map<std::uint64_t, msg::EpisodeStat>>;  // by env_service and number
 
 /// Records the episodes of all env_services of a run, and acknowledges what it has.
@@ -27,7 +27,7 @@ class Recorder {
   int repeated = 0;                               ///< episodes that were in the store already
   std::map<std::string, std::uint64_t> recorded;  ///< by env_service: all up to this one are here, or nobody's any more
 
-  bool until(const std::function<bool()>& condition, milliseconds patience = kPatience) {
+  bool until(const std::function<bool()>& condition, milliseconds patience = kMaxWait) {
     return eventually([this] { spin(); }, condition, patience);
   }
   void spin() {

@@ -37,7 +37,7 @@ struct Heard {
   Bytes bytes;
 };
 
-/// All messages of a file, and what it lacks.
+/// Returns all messages of a file, and what it lacks.
 inline std::vector<Heard> all_of(const std::string& path, std::string* missing = nullptr) {
   McapReader reader(path);
   std::vector<Heard> all;

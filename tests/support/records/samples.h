@@ -11,8 +11,8 @@
 
 namespace citylearn::testing {
 
-/// How full a message is: everything empty or zero, something of everything, or every sequence and string at its bound.
-enum class Size { kLeast, kTypical, kMost };
+/// The fill of a message: everything empty or zero, something of everything, or sequences and strings at their bounds.
+enum class Size { kMin, kTypical, kMax };
 
 /// Gives each field a value of its own, so that two fields that change places are noticed.
 class Filler {
@@ -23,7 +23,7 @@ class Filler {
   void operator()(const char*, Number& number) {
     ++count_;
     const int value = count_ * 7 + 1;
-    if (size_ == Size::kLeast)
+    if (size_ == Size::kMin)
       number = Number{};
     else if (size_ == Size::kTypical)
       number = static_cast<Number>(value);
@@ -32,12 +32,12 @@ class Filler {
     else
       number = static_cast<Number>(std::numeric_limits<Number>::max() - static_cast<Number>(count_));
   }
-  void operator()(const char*, bool& flag) { flag = size_ != Size::kLeast; }
+  void operator()(const char*, bool& flag) { flag = size_ != Size::kMin; }
   template <std::size_t N>
   void operator()(const char* field, eprosima::fastrtps::fixed_string<N>& text) {
     ++count_;
     const bool required = std::string_view("sender receiver environment").find(field) != std::string_view::npos;
-    const std::size_t length = size_ == Size::kLeast ? required : size_ == Size::kTypical ? N / 3 : N;
+    const std::size_t length = size_ == Size::kMin ? required : size_ == Size::kTypical ? N / 3 : N;
     std::string filled(length, static_cast<char>('a' + count_ % 26));
     if (length > 1 && N > 64) filled.replace(0, 2, "\xC3\xA9");  // two bytes, one letter; the shorter ones are names
     text = filled;
@@ -48,7 +48,7 @@ class Filler {
   }
   template <class Enum>
   void enumerator(const char*, Enum& value, Enum last) {
-    value = size_ == Size::kLeast ? Enum{} : size_ == Size::kTypical ? static_cast<Enum>(last / 2) : last;
+    value = size_ == Size::kMin ? Enum{} : size_ == Size::kTypical ? static_cast<Enum>(last / 2) : last;
   }
   void protocol(const char*, std::uint32_t& number) { number = msg::PROTOCOL; }
   template <class Message>
@@ -56,15 +56,15 @@ class Filler {
     visit(message, *this);
   }
 
-  /// Empty, `typical` or `bound` entries of a value of their own.
+  /// Gives a sequence no, `typical` or `bound` entries, each with a value of its own.
   template <class T>
   void resize(std::vector<T>& sequence, std::size_t typical, std::size_t bound) {
     ++count_;
     sequence.resize(least() ? 0 : most() ? bound : typical);
     for (std::size_t i = 0; i < sequence.size(); ++i) sequence[i] = static_cast<T>((i + 1) * (count_ + 2));
   }
-  bool most() const { return size_ == Size::kMost; }
-  bool least() const { return size_ == Size::kLeast; }
+  bool most() const { return size_ == Size::kMax; }
+  bool least() const { return size_ == Size::kMin; }
 
  private:
   Size size_;

@@ -28,7 +28,7 @@ class Witness {
   std::uint64_t steps = 0;                           ///< in the newest of them
   std::map<std::string, msg::ServiceStatus> status;  ///< of the newest process, by id
   std::map<Source, std::uint64_t> finished;          ///< by env_service: the largest number of an episode heard
-  /// By recorder and env_service: episodes up to this one are acknowledged.
+  /// The last acknowledged episode, by recorder and env_service.
   std::map<std::string, std::map<Source, std::uint64_t>> acknowledged;
 
   void spin() {
@@ -57,7 +57,7 @@ class Witness {
   bool until(const std::function<bool()>& condition, milliseconds patience) {
     return eventually([this] { spin(); }, condition, patience);
   }
-  /// For so long, whatever happens.
+  /// Listens for this time, whatever happens.
   void listen(milliseconds time) {
     until([] { return false; }, time);
   }
@@ -69,7 +69,7 @@ class Witness {
     const auto found = status.find(id);
     return found == status.end() ? "" : found->second.alarm().c_str();
   }
-  /// Of the newest process of an env_service.
+  /// Returns the episodes of the newest process of an env_service.
   std::uint64_t episodes(const std::string& id) const {
     const auto found = finished.find({id, incarnation(id)});
     return found == finished.end() ? 0 : found->second;

@@ -97,7 +97,7 @@ class ServerTest : public ::testing::Test {
     EXPECT_EQ(one->upgrade().status, 101);
     one->say(Json{{"watch", topics}}.dump());
     for (const std::string& topic : topics)
-      EXPECT_TRUE(poll_until([&] { return watched(topic); }, WebClient::kPatience));
+      EXPECT_TRUE(poll_until([&] { return watched(topic); }, WebClient::kTimeout));
     return one;
   }
   bool watched(const std::string& topic) const {
@@ -125,7 +125,7 @@ class ServerTest : public ::testing::Test {
     if (query.path == std::vector<std::string>{"slow"}) {
       std::unique_lock guard(lock_);
       ++slow_;
-      released_.wait_for(guard, WebClient::kPatience, [this] { return free_; });
+      released_.wait_for(guard, WebClient::kTimeout, [this] { return free_; });
     }
     if (query.path == std::vector<std::string>{"broken"}) throw Error("the disk is full", "store");
     if (query.path == std::vector<std::string>{"large"}) return {200, "text/csv", std::string(8 << 20, 'l'), {}};

@@ -37,7 +37,7 @@ class WebClient {
     int opcode = 0;
     std::string payload;
   };
-  static constexpr std::chrono::milliseconds kPatience{20'000 * kSlowness};
+  static constexpr std::chrono::milliseconds kTimeout{20'000 * kSlowness};
 
   explicit WebClient(std::uint16_t port, bool tls = false, const char* from = "127.0.0.1", int receive_buffer = 0)
       : socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)), port_(port) {
@@ -65,7 +65,7 @@ class WebClient {
   WebClient& operator=(const WebClient&) = delete;
   int descriptor() const { return socket_; }
 
-  /// False when the server no longer listens to us.
+  /// Returns false when the server no longer listens to us.
   bool send(std::string_view bytes) {
     while (!bytes.empty()) {
       ssize_t count = 0;
@@ -73,7 +73,7 @@ class WebClient {
         count = SSL_write(tls_, bytes.data(), static_cast<int>(bytes.size()));
       } else {
         pollfd ready{socket_, POLLOUT, 0};
-        if (::poll(&ready, 1, static_cast<int>(kPatience.count())) != 1) throw Error("the server takes nothing");
+        if (::poll(&ready, 1, static_cast<int>(kTimeout.count())) != 1) throw Error("the server takes nothing");
         count = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
       }
       if (count <= 0) return false;
@@ -98,7 +98,7 @@ class WebClient {
     Response response;
     std::size_t end = 0;
     while ((end = buffer_.find("\r\n\r\n")) == std::string::npos)
-      if (!receive(kPatience)) return response;
+      if (!receive(kTimeout)) return response;
     const std::string head = buffer_.substr(0, end + 2);
     buffer_.erase(0, end + 4);
     response.status = std::stoi(head.substr(9, 3));
@@ -114,7 +114,7 @@ class WebClient {
     if (without_body || length == response.headers.end()) return response;
     const std::size_t size = std::stoul(length->second);
     while (buffer_.size() < size)
-      if (!receive(kPatience)) return Response();
+      if (!receive(kTimeout)) return Response();
     response.body = buffer_.substr(0, size);
     buffer_.erase(0, size);
     return response;
@@ -144,7 +144,7 @@ class WebClient {
   }
 
   /// The next frame that is no ping (those are answered, unless `mute`); nothing when none came in time or it ended.
-  std::optional<Frame> take(std::chrono::milliseconds patience = kPatience, bool mute = false) {
+  std::optional<Frame> take(std::chrono::milliseconds patience = kTimeout, bool mute = false) {
     const Clock::time_point deadline = Clock::now() + patience;
     for (;;) {
       if (auto frame = complete()) {
@@ -159,7 +159,7 @@ class WebClient {
   }
 
   /// The server has closed its end, within `patience`; what it says before is thrown away.
-  bool ended(std::chrono::milliseconds patience = kPatience) {
+  bool ended(std::chrono::milliseconds patience = kTimeout) {
     const Clock::time_point deadline = Clock::now() + patience;
     while (!ended_) {
       const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
@@ -178,10 +178,10 @@ class WebClient {
     for (std::size_t size = 1; size > 0;) {
       std::size_t line = 0;
       while ((line = buffer_.find("\r\n")) == std::string::npos)
-        if (!receive(kPatience)) return Response();
+        if (!receive(kTimeout)) return Response();
       size = std::stoul(buffer_, nullptr, 16);
       while (buffer_.size() < line + 2 + size + 2)
-        if (!receive(kPatience)) return Response();
+        if (!receive(kTimeout)) return Response();
       response.body.append(buffer_, line + 2, size);
       buffer_.erase(0, line + 2 + size + 2);
     }

@@ -18,7 +18,7 @@ TEST_F(ServerTest, LiveNewsReachWhoWatches) {
   EXPECT_EQ(scene->header["agents"], 3);
   EXPECT_EQ(scene->payload, 72u);
   one->say(Json{{"watch", {"runs"}}}.dump());
-  EXPECT_TRUE(poll_until([&] { return watched("runs") && !watched("events"); }, WebClient::kPatience));
+  EXPECT_TRUE(poll_until([&] { return watched("runs") && !watched("events"); }, WebClient::kTimeout));
   hub_.publish("events", {}, bytes(5), Merge::kEach);
   hub_.publish("runs", {}, bytes(100'000), Merge::kReplace);
   const auto runs = news_of(one->take());
@@ -27,7 +27,7 @@ TEST_F(ServerTest, LiveNewsReachWhoWatches) {
   EXPECT_EQ(runs->payload, 100'000u);
   one->say("", 8);
   EXPECT_TRUE(one->ended());
-  EXPECT_TRUE(poll_until([&] { return hub_.watched().empty(); }, WebClient::kPatience));
+  EXPECT_TRUE(poll_until([&] { return hub_.watched().empty(); }, WebClient::kTimeout));
 }
 
 TEST_F(ServerTest, AClientThatStopsLosesFramesButNotTheNewest) {
@@ -50,7 +50,7 @@ TEST_F(ServerTest, AClientThatStopsLosesFramesButNotTheNewest) {
   std::uint64_t frames = 0, rows = 0;
   while (const auto news = news_of(stopped->take(
              last.size() == 3 && last["picture"]["i"] == 2000 && last["events"]["i"] == 2000 ? 200ms
-                                                                                             : WebClient::kPatience))) {
+                                                                                             : WebClient::kTimeout))) {
     last[news->header["topic"]] = news->header;
     ++frames;
     rows += news->header.value("rows", 0u);
@@ -80,7 +80,7 @@ TEST_F(ServerTest, AClientThatTakesNothingIsLetGo) {
         hub_.publish("picture", {}, bytes(100'000), Merge::kReplace);
         return hub_.counts().clients == 1;
       },
-      WebClient::kPatience));
+      WebClient::kTimeout));
   EXPECT_GE(Clock::now() - begin, 350ms);
   EXPECT_GE(alive->pings, 3);
   EXPECT_EQ(metric("citylearn_dashboard_live_let_go_total"), 2);

@@ -28,7 +28,7 @@ TEST(FastDds, AServiceEndsThoughItsRecorderDoesNotAnswer) {
       return node.readers<msg::EpisodeStat>() > 0 && node.readers<msg::TrainingStat>() > 0 &&
              node.readers<msg::TraversalInfo>() > 0 && node.readers<msg::RunInfo>() > 0;
     };
-    ASSERT_TRUE(eventually([&] { node.wait(Clock::now() + milliseconds(10)); }, matched, kLong));
+    ASSERT_TRUE(eventually([&] { node.wait(Clock::now() + milliseconds(10)); }, matched, kLongWait));
     recorder->send(SIGSTOP);
     publish_each(node, 256, episode(1), training_stat(1), traversal_info(), run_info());
   }

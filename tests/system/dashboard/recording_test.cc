@@ -14,7 +14,7 @@
 namespace citylearn::testing {
 namespace {
 
-/// All that is kept of each episode, without where and when it was put down.
+/// Returns all that is kept of each episode, without where and when it was stored.
 std::set<std::string> episodes_in(const std::string& path) {
   SQLite::Database database = open_database(path);
   SQLite::Statement rows(
@@ -42,16 +42,16 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   Trial trial(GetParam());
   const std::string file = trial.folder() / "run.mcap";
   const auto record = trial.program(CITYLEARN_RECORD, "record", {"--output", file});
-  ASSERT_TRUE(record->says("records to", kLong)) << record->output();
+  ASSERT_TRUE(record->says("records to", kLongWait)) << record->output();
   {
     const auto recorder = trial.recorder(trial.folder() / "original.sqlite");
     const auto env = trial.env("summer", {"--recorders", "dashboard", "--linger", "60"});
     const auto policy = trial.train(40, "out");
-    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
-    ASSERT_EQ(env->end(SIGTERM, kLong), 0) << env->output();
-    ASSERT_EQ(recorder->end(SIGTERM, kLong), 0) << recorder->output();
+    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
+    ASSERT_EQ(env->end(SIGTERM, kLongWait), 0) << env->output();
+    ASSERT_EQ(recorder->end(SIGTERM, kLongWait), 0) << recorder->output();
   }
-  ASSERT_EQ(record->end(SIGINT, kLong), 0) << record->output();
+  ASSERT_EQ(record->end(SIGINT, kLongWait), 0) << record->output();
   EXPECT_TRUE(contains(record->output(), "citylearn/episode_stat"));
   std::string missing = "?";
   EXPECT_FALSE(all_of(file, &missing).empty());
@@ -60,8 +60,8 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   // To the next recorder that comes: what the first one has, it has too.
   const auto recorder = trial.recorder(trial.folder() / "replayed.sqlite");
   const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--speed", "max"});
-  ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
-  ASSERT_EQ(recorder->end(SIGTERM, kLong), 0) << recorder->output();
+  ASSERT_EQ(replay->wait(kLongWait), 0) << replay->output();
+  ASSERT_EQ(recorder->end(SIGTERM, kLongWait), 0) << recorder->output();
   const auto original = episodes_in(trial.folder() / "original.sqlite");
   EXPECT_GT(original.size(), 50u);
   EXPECT_EQ(episodes_in(trial.folder() / "replayed.sqlite"), original) << replay->output();
@@ -70,8 +70,8 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   // The dashboard opens it by itself.
   const auto dashboard =
       trial.dashboard({"--open", file, "--speed", "max", "--port", "0", "--store", trial.folder() / "opened.sqlite"});
-  ASSERT_TRUE(dashboard->says("the recording has ended", kLong)) << dashboard->output();
-  ASSERT_EQ(dashboard->end(SIGTERM, kLong), 0) << dashboard->output();
+  ASSERT_TRUE(dashboard->says("the recording has ended", kLongWait)) << dashboard->output();
+  ASSERT_EQ(dashboard->end(SIGTERM, kLongWait), 0) << dashboard->output();
   EXPECT_EQ(episodes_in(trial.folder() / "opened.sqlite"), original) << dashboard->output();
   EXPECT_EQ(updates_in(trial.folder() / "opened.sqlite").size(), 40u) << dashboard->output();
 }
@@ -81,7 +81,7 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   const std::string file = trial.folder() / "run.mcap";
   const auto record =
       trial.program(CITYLEARN_RECORD, "record", {"--output", file, "--topics", "trajectory,learner_info"});
-  ASSERT_TRUE(record->says("records to", kLong)) << record->output();
+  ASSERT_TRUE(record->says("records to", kLongWait)) << record->output();
   const auto env = trial.env("summer");
   const auto learner = [&](int updates, const std::string& output) {
     return trial.train(updates, output, {"--role", "learner", "--trainer-agents", "8", "--learner", "vtrace"});
@@ -89,7 +89,7 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   {
     const auto first = learner(30, "first");
     const auto actor = trial.policy({"--role", "actor", "--id", "actor"});
-    ASSERT_EQ(first->wait(kLong), 0) << first->output();
+    ASSERT_EQ(first->wait(kLongWait), 0) << first->output();
   }
   const auto trajectories = [&] {
     std::size_t count = 0;
@@ -98,14 +98,14 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   };
   // 30 updates of 8 agents, but for what the actor may send before it is acknowledged (--window): the recorder may know
   // its topic later than the learner does. A chunk is on the disk a second after its first message.
-  ASSERT_TRUE(poll_until([&] { return trajectories() >= 240 - 2 * 8; }, kLong))
+  ASSERT_TRUE(poll_until([&] { return trajectories() >= 240 - 2 * 8; }, kLongWait))
       << trajectories() << " trajectories, " << record->output();
-  ASSERT_EQ(record->end(SIGKILL, kLong), 128 + SIGKILL);
+  ASSERT_EQ(record->end(SIGKILL, kLongWait), 128 + SIGKILL);
 
   const auto second = learner(25, "second");
   const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--learner"});
-  ASSERT_EQ(second->wait(kLong), 0) << second->output() << replay->output();
-  ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
+  ASSERT_EQ(second->wait(kLongWait), 0) << second->output() << replay->output();
+  ASSERT_EQ(replay->wait(kLongWait), 0) << replay->output();
   EXPECT_TRUE(contains(replay->output(), "trajectories accepted"));
   EXPECT_TRUE(contains(contents(trial.folder() / "second/summary.json"), "\"steps\": 12800"));
 
@@ -113,7 +113,7 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   const auto other =
       trial.train(25, "other", {"--role", "learner", "--trainer-agents", "8", "--trainer-sequence", "32"});
   const auto wrong = trial.program(CITYLEARN_REPLAY, "wrong", {file, "--learner"});
-  ASSERT_EQ(wrong->wait(kLong), 1) << wrong->output() << other->output();
+  ASSERT_EQ(wrong->wait(kLongWait), 1) << wrong->output() << other->output();
   EXPECT_TRUE(contains(wrong->output(), "has 64 steps a trajectory, the learner wants 32"));
 }
 

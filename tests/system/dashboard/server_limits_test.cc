@@ -41,11 +41,11 @@ TEST_F(ServerTest, NoWorkIsDoneForAClientThatHasGone) {
   start();
   const auto waiting = client();
   waiting->send("GET /api/slow HTTP/1.1\r\nHost: localhost\r\n\r\n");
-  ASSERT_TRUE(poll_until([&] { return slow() == 1; }, WebClient::kPatience));
+  ASSERT_TRUE(poll_until([&] { return slow() == 1; }, WebClient::kTimeout));
   for (int i = 0; i < 100; ++i) client()->send("GET /api/slow HTTP/1.1\r\nHost: localhost\r\n\r\n");
   const auto pipelined = client();  // says more than it is asked for, but is there
   pipelined->send("GET /api/a HTTP/1.1\r\nHost: localhost\r\n\r\nGET /api/b HTTP/1.1\r\nHost: localhost\r\n\r\n");
-  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 3; }, WebClient::kPatience))
+  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 3; }, WebClient::kTimeout))
       << "those that wait and the one that looks";
   release();
   EXPECT_EQ(waiting->read().status, 200);
@@ -76,7 +76,7 @@ TEST_F(ServerTest, ClientsThatTakeNothingLockNobodyOut) {
     stopped.back()->send("GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n");
     EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200);
   }
-  EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kPatience / 4));
+  EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kTimeout / 4));
   for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
 }
 
@@ -112,7 +112,7 @@ TEST_F(ServerTest, SlowReadersOfLongAnswersCostLittle) {
   }
   int made = -1;
   EXPECT_TRUE(
-      poll_until([&] { return pieces_ >= 30 && std::exchange(made, pieces_) == pieces_; }, WebClient::kPatience));
+      poll_until([&] { return pieces_ >= 30 && std::exchange(made, pieces_) == pieces_; }, WebClient::kTimeout));
   EXPECT_LT(pieces_, 30 * 400 / 4) << "what fits into the kernel's buffers and one more for each";
   EXPECT_LT(resident(), before + kMemory);
   EXPECT_LT(health(), 100ms);

@@ -104,11 +104,11 @@ TEST_F(ServerTest, ASlowQueryHoldsUpNobodyElse) {
   start();
   const auto slow = client(), waiting = client();
   slow->send("GET /api/slow HTTP/1.1\r\nHost: localhost\r\n\r\n");
-  ASSERT_TRUE(poll_until([&] { return this->slow() == 1; }, WebClient::kPatience));
+  ASSERT_TRUE(poll_until([&] { return this->slow() == 1; }, WebClient::kTimeout));
   waiting->send("GET /api/next HTTP/1.1\r\nHost: localhost\r\n\r\n");
   std::optional<WebClient::Response> third;
   // The second one waits from some moment on; from then on there is no room for a third.
-  ASSERT_TRUE(poll_until([&] { return (third = get("/api/slow"))->status == 503; }, WebClient::kPatience) ||
+  ASSERT_TRUE(poll_until([&] { return (third = get("/api/slow"))->status == 503; }, WebClient::kTimeout) ||
               this->slow() > 1);
   EXPECT_EQ(third->headers.at("retry-after"), "1");
   const auto live = watching({"services"});
@@ -260,7 +260,7 @@ TEST_F(ServerTest, ARequestThatDripsIsCutOff) {
   const auto one = client(), idle = client();
   const auto begin = Clock::now();
   one->send("GET / HTTP/1.1\r\nX: ");
-  EXPECT_TRUE(poll_until([&] { return !one->send("x") || one->ended(1ms); }, WebClient::kPatience));
+  EXPECT_TRUE(poll_until([&] { return !one->send("x") || one->ended(1ms); }, WebClient::kTimeout));
   EXPECT_GE(Clock::now() - begin, 250ms);
   EXPECT_LT(Clock::now() - begin, 5s * kSlowness);
   EXPECT_TRUE(idle->ended());
@@ -274,7 +274,7 @@ TEST_F(ServerTest, WhoDoesNotTakeTheAnswerIsCutOff) {
   start();
   const auto one = client("127.0.0.1", 4096);
   one->send("GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n");
-  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 1; }, WebClient::kPatience));
+  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 1; }, WebClient::kTimeout));
 }
 
 TEST_F(ServerTest, AThousandIdleConnectionsLockNobodyOut) {
@@ -305,7 +305,7 @@ TEST_F(ServerTest, WhereAllAreBusyOthersAreRefused) {
   EXPECT_TRUE(Json::parse(refused.body).contains("error"));
   EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200) << "another address";
   busy.pop_back();
-  EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kPatience));
+  EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kTimeout));
 }
 
 TEST_F(ServerTest, MetricsAreInPrometheusTextFormat) {
@@ -340,7 +340,7 @@ TEST_F(ServerTest, SpeaksTls) {
   const auto live = client();
   ASSERT_EQ(live->upgrade(known).status, 101);
   live->say(R"({"watch": ["services"]})");
-  ASSERT_TRUE(poll_until([&] { return watched("services"); }, WebClient::kPatience));
+  ASSERT_TRUE(poll_until([&] { return watched("services"); }, WebClient::kTimeout));
   hub_.publish("services", {}, bytes(100'000), Merge::kReplace);
   const auto news = news_of(live->take());
   ASSERT_TRUE(news);

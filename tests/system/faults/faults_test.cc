@@ -17,7 +17,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr seconds kBack{10};
+constexpr seconds kMaxRestart{10};
 
 struct Plan {
   std::string middleware;
@@ -89,7 +89,7 @@ class Town {
 void survive(const Plan& plan) {
   Town town(plan);
   Witness& witness = town.witness();
-  ASSERT_TRUE(witness.until([&] { return witness.updates >= 10; }, kLong)) << town["policy"].output();
+  ASSERT_TRUE(witness.until([&] { return witness.updates >= 10; }, kLongWait)) << town["policy"].output();
   std::vector<std::string> victims;
   for (const std::string& id : town.ids())
     if (id != "two") victims.insert(victims.end(), static_cast<std::size_t>(plan.kills), id);
@@ -100,17 +100,17 @@ void survive(const Plan& plan) {
     witness.listen(milliseconds(50 + random.below(450)));
     const std::uint64_t before = witness.incarnation(id);
     const Clock::time_point since = Clock::now();
-    ASSERT_EQ(town[id].end(SIGKILL, kLong), 128 + SIGKILL) << id << " had ended before\n" << town[id].output();
+    ASSERT_EQ(town[id].end(SIGKILL, kLongWait), 128 + SIGKILL) << id << " had ended before\n" << town[id].output();
     town.start(id);
     // It is there again, it does its work, and the run goes on with it.
     const auto works = [&] {
       if (witness.incarnation(id) == before) return false;
       return id == "one" ? witness.episodes(id) > 0 : true;
     };
-    ASSERT_TRUE(witness.until(works, kBack)) << id << "\n" << town[id].output();
+    ASSERT_TRUE(witness.until(works, kMaxRestart)) << id << "\n" << town[id].output();
     const std::uint64_t updates = witness.updates;
     ASSERT_TRUE(witness.until([&] { return witness.updates > updates + 1; },
-                              std::chrono::ceil<milliseconds>(since + kBack - Clock::now())))
+                              std::chrono::ceil<milliseconds>(since + kMaxRestart - Clock::now())))
         << id << "\n"
         << town["policy"].output();
     const double took = std::chrono::duration<double>(Clock::now() - since).count();
@@ -119,20 +119,21 @@ void survive(const Plan& plan) {
 
   // The rest of the run: an update more, and the evaluation. Nobody disturbs it.
   const std::uint64_t steps = witness.steps;
-  ASSERT_EQ(town["policy"].end(SIGTERM, kLong), 130) << town["policy"].output();
+  ASSERT_EQ(town["policy"].end(SIGTERM, kLongWait), 130) << town["policy"].output();
   auto last = town.policy({"--resume", "--steps", "1000000000", "--time-limit", "0.001", "--environments", "2"}, "out");
-  ASSERT_TRUE(witness.until([&] { return last->wait(milliseconds(1)).has_value(); }, kLong)) << last->output();
+  ASSERT_TRUE(witness.until([&] { return last->wait(milliseconds(1)).has_value(); }, kLongWait)) << last->output();
   for (const std::string id : {"one", "two"}) town[id].send(SIGTERM);
   Ledger counted;
   for (const std::string id : {"one", "two"}) {
-    ASSERT_TRUE(witness.until([&] { return town[id].wait(milliseconds(1)).has_value(); }, kLong)) << town[id].output();
+    ASSERT_TRUE(witness.until([&] { return town[id].wait(milliseconds(1)).has_value(); }, kLongWait))
+        << town[id].output();
     const std::string said = town[id].output(), words = "stops: ";
     const std::size_t at = said.find(words);
     ASSERT_TRUE(contains(said, " episodes, all acknowledged"));
     const auto count = std::stoull(said.substr(at + words.size()));
     for (std::uint64_t episode = 1; episode <= count; ++episode) counted[{id, witness.incarnation(id)}].insert(episode);
   }
-  ASSERT_EQ(town["dashboard"].end(SIGTERM, kLong), 0) << town["dashboard"].output();
+  ASSERT_EQ(town["dashboard"].end(SIGTERM, kLongWait), 0) << town["dashboard"].output();
 
   const Ledger recorded = in_store(town.store()), learned = in_csv(town.out() + "/episodes.csv");
   for (const auto& [source, episodes] : counted) {
@@ -147,7 +148,7 @@ void survive(const Plan& plan) {
   if (plan.pictures) town.start("encoder");
   town.start("dashboard");
   auto calm = town.policy({"--steps", std::to_string(steps), "--environments", "2"}, "calm");
-  ASSERT_EQ(calm->wait(kLong), 0) << calm->output();
+  ASSERT_EQ(calm->wait(kLongWait), 0) << calm->output();
   for (const std::string output : {"out", "calm"}) {
     const Json score = town.summary(output)["evaluate"]["summer"];
     EXPECT_EQ(score["completed"], 1.0) << output;

@@ -9,7 +9,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kLong{60}, kAtOnce{10};
+constexpr seconds kLongWait{60}, kPromptWait{10};
 constexpr int kRounds = 10;
 
 /// Files of shared memory, and their bytes.
@@ -68,18 +68,18 @@ TEST_P(Leftovers, AllServicesKilledTenTimesLeaveNothing) {
                                     "--output", out, "--evaluate", "summer", "--frames", "0:80", "--resume"});
     const std::vector<Service*> all = {dashboard.get(), encoder.get(), env.get(), policy.get()};
     const auto works = [&] { return run.checkpoint("out").first != before && recorded(store) > rows; };
-    ASSERT_TRUE(poll_until(works, round == 0 ? kLong : kAtOnce))
+    ASSERT_TRUE(poll_until(works, round == 0 ? kLongWait : kPromptWait))
         << "start " << round << "\n"
         << dashboard->output() << encoder->output() << env->output() << policy->output();
     for (Service* service : all) service->send(SIGKILL);
-    for (Service* service : all) ASSERT_EQ(service->wait(kLong), 128 + SIGKILL) << service->output();
+    for (Service* service : all) ASSERT_EQ(service->wait(kLongWait), 128 + SIGKILL) << service->output();
     EXPECT_EQ(sockets(), "") << "after start " << round;
     if (round == 0) first = shared_memory();
   }
   EXPECT_EQ(shared_memory(), first);
   // Temporary files of the last one alone, at most: the next start removes them.
   const auto resumed = run.policy({"--agent", "place_filter", "--output", out, "--resume", "--wait", "1"});
-  EXPECT_EQ(resumed->wait(kLong), 1) << resumed->output();
+  EXPECT_EQ(resumed->wait(kLongWait), 1) << resumed->output();
   for (const auto& entry : std::filesystem::recursive_directory_iterator(out))
     EXPECT_NE(entry.path().extension(), ".tmp") << entry.path();
 }

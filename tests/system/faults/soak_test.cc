@@ -16,8 +16,8 @@ namespace citylearn::testing {
 namespace {
 
 constexpr int kEnvironments = 16, kMortal = 8;  // the others live through all of it
-constexpr seconds kBack{10}, kLook{5};
-constexpr double kMostSlope = 1;  // MB a minute
+constexpr seconds kMaxRestart{10}, kSampleInterval{5};
+constexpr double kMaxSlope = 1;  // MB a minute
 
 double soak_minutes() {
   const char* given = std::getenv("CITYLEARN_SOAK_MINUTES");
@@ -41,7 +41,7 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
       run.policy({"--middleware", "lossy,drop=0.2,repeat=0.02,reorder=0.02,seed=5:cyclonedds", "--agent",
                   "place_filter", "--steps", "1000000000", "--checkpoint-every", "10", "--environments",
                   std::to_string(kEnvironments), "--output", out, "--evaluate", "summer"});
-  ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLong)) << policy->output();
+  ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLongWait)) << policy->output();
 
   std::vector<ProcessWatch> watches{{"policy", policy->process()}, {"recorder", recorder->process()}};
   for (int number = kMortal; number < kEnvironments; ++number)
@@ -54,7 +54,7 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
   double slowest = 0;
   while (passed() < minutes) {
     if (Clock::now() >= next_look) {
-      next_look += kLook;
+      next_look += kSampleInterval;
       for (ProcessWatch& watch : watches) ASSERT_TRUE(watch.look(passed())) << watch.name() << " is gone";
     }
     if (passed() >= kills + 0.5 && passed() + 0.25 < minutes) {
@@ -62,10 +62,10 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
       auto& victim = environments[static_cast<std::size_t>(number)];
       const std::uint64_t before = witness.incarnation(id(number));
       const Clock::time_point since = Clock::now();
-      ASSERT_EQ(victim->end(SIGKILL, kLong), 128 + SIGKILL) << victim->output();
+      ASSERT_EQ(victim->end(SIGKILL, kLongWait), 128 + SIGKILL) << victim->output();
       victim = environment(number);
       EXPECT_TRUE(witness.until(
-          [&] { return witness.incarnation(id(number)) != before && witness.episodes(id(number)) > 0; }, kBack))
+          [&] { return witness.incarnation(id(number)) != before && witness.episodes(id(number)) > 0; }, kMaxRestart))
           << "kill " << kills << " of " << id(number) << "\n"
           << victim->output();
       slowest = std::max(slowest, std::chrono::duration<double>(Clock::now() - since).count());
@@ -79,7 +79,7 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
   Ledger counted;  // by those env_services that could tell at their end
   for (int number = 0; number < kEnvironments; ++number) {
     auto& one = environments[static_cast<std::size_t>(number)];
-    ASSERT_TRUE(witness.until([&] { return one->wait(milliseconds(1)).has_value(); }, kLong)) << one->output();
+    ASSERT_TRUE(witness.until([&] { return one->wait(milliseconds(1)).has_value(); }, kLongWait)) << one->output();
     const std::string said = one->output(), before = "stops: ", after = " episodes, all acknowledged";
     const std::size_t at = said.find(before), end = said.find(after);
     ASSERT_TRUE(at != std::string::npos && end != std::string::npos) << said;
@@ -87,8 +87,8 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
     const auto count = std::stoull(said.substr(at + before.size(), end - at - before.size()));
     for (std::uint64_t episode = 1; episode <= count; ++episode) episodes.insert(episodes.end(), episode);
   }
-  EXPECT_EQ(policy->end(SIGTERM, kLong), 130) << policy->output();
-  EXPECT_EQ(recorder->end(SIGTERM, kLong), 0) << recorder->output();
+  EXPECT_EQ(policy->end(SIGTERM, kLongWait), 130) << policy->output();
+  EXPECT_EQ(recorder->end(SIGTERM, kLongWait), 0) << recorder->output();
 
   const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
   for (const auto& [source, episodes] : counted) {
@@ -104,7 +104,7 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
       entries(learned));
   for (const ProcessWatch& watch : watches) {
     std::printf("%s\n", watch.says().c_str());
-    EXPECT_LT(watch.slope(), kMostSlope) << watch.says();
+    EXPECT_LT(watch.slope(), kMaxSlope) << watch.says();
     EXPECT_LE(watch.more_files(), 0) << watch.says();
   }
 }

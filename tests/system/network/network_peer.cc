@@ -85,7 +85,7 @@ int leave(const CommandLine& line) {
   return 0;
 }
 
-/// What stands at the front of a sample. All hosts of a test have one clock.
+/// The front of a sample. All hosts of a test have one clock.
 struct Front {
   std::uint32_t number;
   std::uint32_t count;

@@ -104,7 +104,7 @@ TEST_P(Pairing, ThreeHostsMeetWithinThreeSeconds) {
   for (int host = 0; host < 3; ++host)
     peers.push_back(peer(hosts, host, host == 0 ? one() : other(), "meet", {"--others", "2", "--peers", all}));
   for (const auto& each : peers) {
-    ASSERT_TRUE(each->says("met 2 in ", kPatience)) << each->output();
+    ASSERT_TRUE(each->says("met 2 in ", kMaxWait)) << each->output();
     EXPECT_LT(number_after(each->output(), "met 2 in "), 3) << each->output();
     EXPECT_FALSE(contains(each->output(), "no answer at"));
   }
@@ -118,9 +118,9 @@ TEST_P(Vendor, AWrongPeerIsNamedWithinFiveSeconds) {
   EXPECT_TRUE(first->says("peer '10.77.0.99': no answer at 10.77.0.99", 5s)) << first->output();
   EXPECT_TRUE(first->says("peer '" + late + "': no answer at", 1s)) << first->output();
   EXPECT_FALSE(contains(first->output(), "peer '" + Hosts::address(1)));
-  EXPECT_TRUE(first->says("met 1 in ", kPatience)) << first->output();
+  EXPECT_TRUE(first->says("met 1 in ", kMaxWait)) << first->output();
   const auto third = peer(hosts, 2, GetParam(), "meet", {"--peers", Hosts::address(0)});
-  EXPECT_TRUE(first->says("peer '" + late + "': answers at " + late + " after all", kPatience)) << first->output();
+  EXPECT_TRUE(first->says("peer '" + late + "': answers at " + late + " after all", kMaxWait)) << first->output();
 }
 
 TEST_P(Vendor, OnlyInterfacesThatWereNamedAreUsed) {
@@ -130,8 +130,8 @@ TEST_P(Vendor, OnlyInterfacesThatWereNamedAreUsed) {
         peer(hosts, 0, GetParam(), "meet", {"--interface", interfaces, "--peers", Hosts::address(1, network)});
     const auto second =
         peer(hosts, 1, GetParam(), "meet", {"--interface", interfaces, "--peers", Hosts::address(0, network)});
-    EXPECT_TRUE(first->says("met 1 in ", kPatience)) << first->output();
-    EXPECT_TRUE(second->says("met 1 in ", kPatience)) << second->output();
+    EXPECT_TRUE(first->says("met 1 in ", kMaxWait)) << first->output();
+    EXPECT_TRUE(second->says("met 1 in ", kMaxWait)) << second->output();
   };
   meet("net0", 0);
   EXPECT_GT(hosts.packets(0, 0), 0);
@@ -153,9 +153,9 @@ TEST_F(Network, FastHostsMeetByADiscoveryServer) {
   const auto server =
       hosts.start(0, {program, "-i", "0", "-l", Hosts::address(0), "-p", "11811"}, folder_ / "server.log");
   const auto second = peer(hosts, 2, "fastdds", "meet", {"--discovery-server", Hosts::address(0)});
-  for (const auto* each : {&first, &second}) EXPECT_TRUE((*each)->says("met 1 in ", kPatience)) << (*each)->output();
+  for (const auto* each : {&first, &second}) EXPECT_TRUE((*each)->says("met 1 in ", kMaxWait)) << (*each)->output();
   EXPECT_LT(number_after(second->output(), "met 1 in "), 3);
-  EXPECT_TRUE(first->says("after all", kPatience)) << first->output();
+  EXPECT_TRUE(first->says("after all", kMaxWait)) << first->output();
 }
 
 // One lost packet must not keep a service's end from the others.
@@ -163,10 +163,10 @@ TEST_P(Pairing, ThoseWhoLeaveAreHeardThoughOnePacketInFiveIsLost) {
   Hosts hosts(2);
   const auto stays = peer(hosts, 0, other(), "meet", {"--others", "12", "--peers", Hosts::address(1)});
   const auto leave = peer(hosts, 1, one(), "leave", {"--count", "12", "--peers", Hosts::address(0)});
-  ASSERT_TRUE(stays->says("met 12 in ", kPatience)) << stays->output() << leave->output();
+  ASSERT_TRUE(stays->says("met 12 in ", kMaxWait)) << stays->output() << leave->output();
   hosts.lose(20);
   leave->send(SIGTERM);
-  EXPECT_TRUE(stays->says("12 have left", kPatience)) << stays->output() << leave->output();
+  EXPECT_TRUE(stays->says("12 have left", kMaxWait)) << stays->output() << leave->output();
 }
 
 // 1 MB at 30 Hz for 3 s through packets of 1500 bytes.
@@ -187,7 +187,7 @@ TEST_P(Vendor, SamplesOfAPeerWithItsOwnSizesComeAtOnce) {
       peer(hosts, 1, GetParam(), "receive", {"--peers", Hosts::address(0), "--size", "8192", "--count", "30"});
   const auto writer = peer(hosts, 0, "cyclonedds", "send",
                            {"--own-sizes", "--peers", Hosts::address(1), "--size", "8192", "--count", "30"});
-  ASSERT_TRUE(reader->says("received ", kPatience)) << reader->output() << writer->output();
+  ASSERT_TRUE(reader->says("received ", kMaxWait)) << reader->output() << writer->output();
   EXPECT_TRUE(contains(reader->output(), "received 30 of 30 whole and in order, 0 not"));
   EXPECT_LT(number_after(reader->output(), "median "), 50 * kSlowness) << reader->output();
 }
@@ -201,17 +201,17 @@ TEST_P(Vendor, HostsMeetThroughPacketsOfAnySize) {
     const auto first = peer(hosts, 0, GetParam(), "meet", {"--peers", Hosts::address(1), "--id", longest + "1"});
     const auto second = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0), "--id", longest + "2"});
     for (const auto* each : {&first, &second})
-      EXPECT_TRUE((*each)->says("met 1 in ", kPatience)) << size << (*each)->output();
+      EXPECT_TRUE((*each)->says("met 1 in ", kMaxWait)) << size << (*each)->output();
   }
 }
 
-/// What the doctor says on host 0 of a peer, and that it is not content.
+/// Returns what the doctor on host 0 says about a peer. It must report a problem.
 std::string diagnosis(const Hosts& hosts, const Folder& folder, const std::string& vendor, const std::string& peer) {
   const auto doctor = hosts.start(0,
                                   {CITYLEARN_DOCTOR, "--seconds", "2", "--middleware", vendor, "--domain", "2",
                                    "--interface", Hosts::interface(), "--peers", peer},
                                   folder / "doctor.log");
-  EXPECT_EQ(doctor->wait(kPatience), 1) << doctor->output();
+  EXPECT_EQ(doctor->wait(kMaxWait), 1) << doctor->output();
   return doctor->output();
 }
 
@@ -235,7 +235,7 @@ TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
                                   {CITYLEARN_DOCTOR, "--seconds", "3", "--json", "--middleware", one(), "--domain", "2",
                                    "--interface", Hosts::interface(), "--peers", Hosts::address(1)},
                                   folder_ / "doctor.log");
-  ASSERT_EQ(doctor->wait(kPatience), 0) << doctor->output();
+  ASSERT_EQ(doctor->wait(kMaxWait), 0) << doctor->output();
   const auto found = nlohmann::json::parse(doctor->output());
   ASSERT_EQ(found["participants"].size(), 1u) << found;
   EXPECT_EQ(found["participants"][0]["name"], "peer-1");
@@ -323,7 +323,7 @@ TEST_P(Training, LosesNoEpisodeWhenOnePacketInTwentyIsLost) {
 // The only env_service is cut off from the policy_service. Both stay, and go on when they hear each other again.
 TEST_P(Training, GoesOnAfterAPartition) { expect_rejoined(4s); }
 
-/// What one env_service takes while it trains: an action a tick, and so many other messages a second.
+/// The messages that one env_service takes while it trains: an action a tick, and so many other messages a second.
 struct Taken {
   double seconds = 0, ticks = 0, messages = 0;
 };
@@ -376,7 +376,7 @@ class Messages : public Vendor {
   }
 
  private:
-  /// By env_service, between the first two heartbeats of which both tell of steps and the last one.
+  /// Returns figures by env_service, from its first heartbeat with steps to its last one.
   static std::map<std::string, Taken> window(const std::string& output) {
     struct Heartbeat {
       double uptime, rate, received;

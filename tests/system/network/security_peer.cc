@@ -14,7 +14,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kLargest = 1024;
+constexpr std::size_t kMaxSize = 1024;
 
 int run(char** arguments) {
   internal::Network network{};
@@ -33,8 +33,8 @@ int run(char** arguments) {
   std::unique_ptr<Subscription> subscription;
   try {
     middleware = vendor == "fastdds" ? internal::create_fastdds(network) : internal::create_cyclonedds(network);
-    if (!reads.empty()) subscription = middleware->create_subscription({reads, "Text", Profile::kCommand, kLargest});
-    if (!writes.empty()) publisher = middleware->create_publisher({writes, "Text", Profile::kCommand, kLargest});
+    if (!reads.empty()) subscription = middleware->create_subscription({reads, "Text", Profile::kCommand, kMaxSize});
+    if (!writes.empty()) publisher = middleware->create_publisher({writes, "Text", Profile::kCommand, kMaxSize});
   } catch (const Error& error) {
     std::fprintf(stderr, "%s: %s\n", arguments[4], error.what());
     return 4;

@@ -25,7 +25,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kLong{60};
+constexpr seconds kLongWait{60};
 
 Topic text_topic(const std::string& name) { return {name, "Text", Profile::kCommand, 1024}; }
 const char* const kObservation = "citylearn/observation";
@@ -40,7 +40,7 @@ class Victim {
     subscription_ = middleware_->create_subscription(text_topic(kAction));
   }
   /// Lives until `condition` holds; false when it does not within `patience`.
-  bool until(const std::function<bool()>& condition, Log& log, seconds patience = kLong) {
+  bool until(const std::function<bool()>& condition, Log& log, seconds patience = kLongWait) {
     const Bytes sample = {std::byte{0}, std::byte{1}, std::byte{0}, std::byte{0}, std::byte{'?'}};
     const auto turn = [&] {
       publisher_->publish(sample);
@@ -107,7 +107,7 @@ TEST_P(Secured, TrainsAndEvaluatesAsAnOpenRunDoes) {
     Trial run(GetParam());
     const auto env = run.env("summer", secured ? Arguments{"--security", env_keys} : Arguments{});
     const auto policy = run.train(40, "out", secured ? Arguments{"--security", policy_keys} : Arguments{});
-    ASSERT_EQ(policy->wait(kLong).value_or(-1), 0) << policy->output() << env->output();
+    ASSERT_EQ(policy->wait(kLongWait).value_or(-1), 0) << policy->output() << env->output();
     checkpoints[secured] = run.checkpoint("out");
   }
   EXPECT_FALSE(checkpoints[true].first.empty());
@@ -125,13 +125,13 @@ TEST_P(Secured, ALearnerAndItsActorHaveThePermissionsTheyNeed) {
   const auto env = run.env("summer", with("env_service", "env", {}));
   const auto actor = run.policy(with("actor", "actor", {"--role", "actor"}));
   const auto learner = run.train(40, "out", with("learner", "learner", {"--role", "learner", "--trainer-agents", "8"}));
-  EXPECT_EQ(learner->wait(kLong * 2).value_or(-1), 0) << learner->output() << actor->output() << env->output();
-  EXPECT_EQ(actor->wait(kLong).value_or(-1), 0) << actor->output();
-  EXPECT_EQ(env->end(SIGTERM, kLong).value_or(-1), 0) << env->output();
+  EXPECT_EQ(learner->wait(kLongWait * 2).value_or(-1), 0) << learner->output() << actor->output() << env->output();
+  EXPECT_EQ(actor->wait(kLongWait).value_or(-1), 0) << actor->output();
+  EXPECT_EQ(env->end(SIGTERM, kLongWait).value_or(-1), 0) << env->output();
   EXPECT_TRUE(contains(env->output(), "all acknowledged"));
 }
 
-/// Who tries to get in, by name; and what the log must then say.
+/// A program that tries to get in, by name, and what the log must then say.
 struct Intruder {
   std::string name, complaint;
 };
@@ -247,13 +247,13 @@ TEST_P(Secured, ARunningServiceSaysThatItsListOfRevokedIdentitiesHasChanged) {
   keys.add("policy_service", "lost");
   Trial run(GetParam());
   const auto env = run.env("summer", {"--security", env_keys});
-  ASSERT_TRUE(env->says("in session", kLong)) << env->output();
+  ASSERT_TRUE(env->says("in session", kLongWait)) << env->output();
   EXPECT_FALSE(contains(env->output(), "crl.pem"));
   const auto now = [] { return std::time(nullptr); };
   const std::time_t before = now();
-  ASSERT_TRUE(poll_until([&] { return now() > before + 1; }, kLong)) << "times of files have seconds";
+  ASSERT_TRUE(poll_until([&] { return now() > before + 1; }, kLongWait)) << "times of files have seconds";
   keys.expect({"revoke", keys.of(""), "lost"});
-  EXPECT_TRUE(env->says("crl.pem has changed since this service started: restart it", kLong)) << env->output();
+  EXPECT_TRUE(env->says("crl.pem has changed since this service started: restart it", kLongWait)) << env->output();
 }
 
 /// A known limit of the two vendors together (docs/how-to/secure-a-run.md): the names settle which side asks first, and
@@ -322,7 +322,7 @@ Seen listen_in(const std::string& vendor, const std::string& env_keys, const std
   return clear ? kInClear : kHidden;
 }
 
-/// In a process of its own, which has a network of its own.
+/// Listens in a process that has a network of its own.
 Seen listen_in_apart(const std::string& vendor, const std::string& env_keys, const std::string& friend_keys) {
   const pid_t child = fork();
   if (child == 0) _exit(listen_in(vendor, env_keys, friend_keys));

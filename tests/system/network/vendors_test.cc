@@ -39,7 +39,7 @@ INSTANTIATE_TEST_SUITE_P(All, Vendors, ::testing::Combine(kVendors, kVendors), [
 /// Sends `sent` until the peer's copy is here. What still comes of earlier messages is passed over.
 template <class Message>
 void expect_echo(Node& node, const Message& sent) {
-  const Clock::time_point deadline = Clock::now() + kPatience;
+  const Clock::time_point deadline = Clock::now() + kMaxWait;
   Clock::time_point send_again{};
   Message out = sent, back;
   while (Clock::now() < deadline) {
@@ -67,7 +67,7 @@ TEST_P(Vendors, EveryMessageGoesThereAndBack) {
     create_readers_of_samples<Message>(node, longest("peer"));
     node.create_writer<Message>();
   });
-  for (Size size : {Size::kLeast, Size::kTypical, Size::kMost})
+  for (Size size : {Size::kMin, Size::kTypical, Size::kMax})
     for_each_message([&]<class Message>() { expect_echo(node, sample_of<Message>(size)); });
   EXPECT_EQ(node.traffic.rejected, 0u);
   EXPECT_TRUE(node.discovery().wrong_types().empty());
@@ -151,7 +151,7 @@ TEST_P(Surrounded, ServicesMeetWhateverTheEnvironmentSays) {
     const auto plain = start("plain-" + std::to_string(i), {"--ignore-environment"});
     const auto set = start("set-" + std::to_string(i), settings[i]);
     for (const auto* each : {&plain, &set})
-      EXPECT_TRUE((*each)->says("met 1 in ", kPatience)) << settings[i].front() << (*each)->output();
+      EXPECT_TRUE((*each)->says("met 1 in ", kMaxWait)) << settings[i].front() << (*each)->output();
   }
 }
 

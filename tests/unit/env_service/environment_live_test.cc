@@ -11,7 +11,7 @@ namespace {
 class LiveEnvironment : public ::testing::Test {
  protected:
   LiveEnvironment() { traversal_.dimension = 0; }
-  void see(int place, int frame) { environment_.sight({place, frame}); }
+  void see(int place, int frame) { environment_.set_robot_pose({place, frame}); }
   void step(std::uint8_t action) { environment_.step(std::span(&action, 1)); }
   const msg::Observation& observe() {
     environment_.observe(seen_);
@@ -68,12 +68,12 @@ TEST_F(LiveEnvironment, ARobotBesideTheRouteIsAtItsNearestEnd) {
 class SentRobot : public LiveEnvironment {
  protected:
   SentRobot() {
-    environment_.await_goals();
+    environment_.use_external_goals();
     see(7, 20);
     tasks_.tasks() = 3;
     environment_.reset(tasks_);
   }
-  void send_to(int place) { environment_.send_to(place); }
+  void send_to(int place) { environment_.set_next_goal(place); }
 
   msg::TaskSettings tasks_ = settings(msg::EVALUATE, 20, 100);
 };

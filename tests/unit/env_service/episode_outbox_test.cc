@@ -27,7 +27,7 @@ class Fixture {
   void end_episodes(int count) {
     for (int i = 0; i < count; ++i) outbox.add({i % 4, 0, 1, 3, 2, 2, 1.0f, true, {5}});
   }
-  /// What goes out now; those sent before are negative.
+  /// Returns the numbers that go out now; those sent before are negative.
   std::vector<int> sent(std::size_t most = 1u << 20) {
     std::vector<int> numbers;
     while (numbers.size() < most) {
@@ -238,7 +238,7 @@ TEST(EpisodeOutbox, ManyRecordersNeedNoMoreMemory) {
   Fixture fixture;
   fixture.end_episodes(1);
   fixture.acknowledge("dashboard", 0);
-  for (std::size_t i = 1; i < EpisodeOutbox::kMostRecorders; ++i)
+  for (std::size_t i = 1; i < EpisodeOutbox::kMaxRecorders; ++i)
     EXPECT_NE(fixture.acknowledge("stranger-" + std::to_string(i), 0), Acknowledged::kTooMany);
   EXPECT_EQ(fixture.acknowledge("another", 0), Acknowledged::kTooMany);
   EXPECT_EQ(fixture.acknowledge("dashboard", 1), Acknowledged::kYes) << "who is known stays";

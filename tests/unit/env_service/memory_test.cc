@@ -27,9 +27,9 @@ double resident() {
 }
 
 #if defined(__SANITIZE_ADDRESS__)
-constexpr double kMost = 400;  // MiB: of what is freed it holds 256 back, to find who still uses it
+constexpr double kMaxGrowth = 400;  // MiB: of what is freed it holds 256 back, to find who still uses it
 #else
-constexpr double kMost = 60;
+constexpr double kMaxGrowth = 60;
 #endif
 
 TEST(Memory, TenThousandPictures) {
@@ -59,7 +59,7 @@ TEST(Memory, TenThousandPictures) {
   RecordProperty("MiB", std::to_string(growth));
   EXPECT_GT(sum, std::size_t{1} << 30);
   ASSERT_GT(before, 0);
-  EXPECT_LT(growth, kMost);
+  EXPECT_LT(growth, kMaxGrowth);
   std::cout << "grown by " << growth << " MiB over " << sum / (1 << 20) << " MiB of pictures\n";
 }
 

@@ -37,7 +37,7 @@ const std::vector<std::vector<std::string>> kOrders = {
     {"dashboard/store", "dashboard/http", "dashboard/live", "dashboard/playback", "dashboard/api", "dashboard"},
 };
 
-constexpr int kMostLines = 500, kMostHeaderLines = 120;
+constexpr int kMaxLines = 500, kMaxHeaderLines = 120;
 
 struct Include {
   std::string file, line, target;
@@ -119,7 +119,7 @@ TEST(Floors, FilesStayShort) {
   for (const std::string& folder : kProduct)
     for (const std::string& path : sources_below(folder)) {
       const int lines = occurrences(contents(kRoot / path), "\n");
-      EXPECT_LE(lines, path.ends_with(".h") ? kMostHeaderLines : kMostLines) << path;
+      EXPECT_LE(lines, path.ends_with(".h") ? kMaxHeaderLines : kMaxLines) << path;
     }
 }
 

@@ -33,7 +33,7 @@ std::string cycle(const std::string& first, const std::string& second) {
          "\nSUMMARY: ThreadSanitizer: lock-order-inversion in lock\n";
 }
 
-/// How many of the reports count.
+/// Returns how many of the reports count.
 int counted(const std::string& reports) {
   const Folder folder;
   std::ofstream(folder / "report.1") << reports;

@@ -14,7 +14,7 @@ std::string node_name(const std::string& layer) {
   return layer.starts_with("onnx_node") && mark != layer.npos ? layer.substr(mark + 1) : layer;
 }
 
-/// As encoders/onnx.cc.
+/// Appends what encoders/onnx.cc computes.
 std::unique_ptr<EncoderGraph> append_onnx(const Parameters& parameters, const EncoderFiles& files,
                                           const OnnxPicture& picture) {
   const OnnxNetwork network(parameters, files);

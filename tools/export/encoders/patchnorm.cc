@@ -6,7 +6,7 @@
 namespace citylearn {
 namespace {
 
-/// The weights that give each pixel of a line the mean of its patch.
+/// Returns the weights that give each pixel of a line the mean of its patch.
 Matrix<float> patch_means(int length, int patch) {
   Matrix<float> weights = Matrix<float>::Zero(length, length);
   for (int first = 0; first < length; first += patch) {
@@ -16,7 +16,7 @@ Matrix<float> patch_means(int length, int patch) {
   return weights;
 }
 
-/// As encoders/patchnorm.cc.
+/// Appends what encoders/patchnorm.cc computes.
 std::unique_ptr<EncoderGraph> append_patchnorm(const Parameters& parameters, const EncoderFiles&,
                                                const OnnxPicture& picture) {
   const int width = parameters.integer("width"), height = parameters.integer("height");

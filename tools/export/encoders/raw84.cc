@@ -5,7 +5,7 @@
 namespace citylearn {
 namespace {
 
-/// As encoders/raw84.cc.
+/// Appends what encoders/raw84.cc computes.
 std::unique_ptr<EncoderGraph> append_raw84(const Parameters& parameters, const EncoderFiles&,
                                            const OnnxPicture& picture) {
   OnnxPicture colours = scaled(picture, kRaw84Side, kRaw84Side, true);

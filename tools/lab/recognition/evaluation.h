@@ -24,7 +24,7 @@ class GroundTruth {
   int queries() const { return static_cast<int>(frames_.size()); }
   int tolerance() const { return tolerance_; }
   bool right(int query, int reference) const;
-  /// Whether any reference frame is right. Queries without one do not count for recall; accepting them is an error.
+  /// Returns whether any reference frame is right. Other queries do not count for recall; accepting them is an error.
   bool answerable(int query) const;
   /// Returns a frame that shows the same place, of several the middle one; -1: none.
   int place(int query) const;
@@ -34,7 +34,7 @@ class GroundTruth {
   std::vector<std::vector<int>> frames_;  // by query: sorted reference frames of the same place
 };
 
-/// What a similarity matrix answers to each query.
+/// The answers of a similarity matrix to each query.
 struct Answers {
   std::vector<int> nearest;       ///< the most similar reference frame (the first of equals); -1: none
   std::vector<float> confidence;  ///< its similarity; -infinity: none
@@ -46,11 +46,10 @@ struct Answers {
   static constexpr int kNever = 1 << 30;
   int queries() const { return static_cast<int>(rank.size()); }
 };
-/// `similarity`: R x Q, larger is nearer; -infinity and NaN do not count as answers. Throws Error when it does not fit
-/// `truth`.
+/// `similarity`: R x Q, larger is nearer; -infinity and NaN are not answers. Throws Error when it does not fit `truth`.
 Answers answers(const Eigen::Ref<const Eigen::MatrixXf>& similarity, const GroundTruth& truth);
 
-/// Share of the answerable queries with a right frame among the n most similar ones; NaN when there are none.
+/// Returns the share of answerable queries with a right frame among the n most similar ones; NaN when there are none.
 double recall_at(const Answers& answers, int n);
 
 struct Interval {

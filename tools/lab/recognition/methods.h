@@ -11,7 +11,7 @@
 
 namespace citylearn::lab {
 
-/// How features become answers.
+/// Options for turning features into answers.
 struct MatchingOptions {
   Measure measure = Measure::kCosine;
   int sequence = 21;   ///< frames of "sequence"; "seqslam" has one less before and after, as its length is even

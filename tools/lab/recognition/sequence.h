@@ -14,10 +14,10 @@ struct SequenceOptions {
   double fastest = 1;
 };
 
-/// Mean similarity along the straight line through each entry of an R x Q similarity, over a sequence centred there:
-/// S'(r, q) = max over v of mean over k = -h..h of S(r + round(v k), q + k). At the matrix's edges the mean is over the
-/// part of the line that is inside. Looks h frames ahead; a causal sequence, k = 1 - length..0, does not. Throws Error:
-/// an even length of a centred sequence, or velocities not in 0.1..10.
+/// Returns the mean similarity along the straight line through each entry of an R x Q similarity, over a sequence
+/// centred there: S'(r, q) = max over v of mean over k = -h..h of S(r + round(v k), q + k). At the matrix's edges the
+/// mean is over the part of the line that is inside. Looks h frames ahead; a causal sequence, k = 1 - length..0, does
+/// not. Throws Error: an even length of a centred sequence, or velocities not in 0.1..10.
 Eigen::MatrixXf sequence_similarity(const Eigen::Ref<const Eigen::MatrixXf>& similarity,
                                     const SequenceOptions& options);
 

@@ -15,7 +15,7 @@ Eigen::VectorXf inverse_norms(const Eigen::Ref<const Eigen::MatrixXf>& features)
   return norms.unaryExpr([](float norm) { return norm > 0 ? 1 / norm : 0.0f; });
 }
 
-/// Mean of each column's `count` largest entries.
+/// Returns the mean of each column's `count` largest entries.
 Eigen::VectorXf mean_of_largest(const Eigen::Ref<const Eigen::MatrixXf>& matrix, Eigen::Index count) {
   Eigen::VectorXf means(matrix.cols());
   std::vector<float> column(matrix.rows());

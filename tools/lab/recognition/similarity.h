@@ -6,7 +6,7 @@
 
 namespace citylearn {
 
-/// How similar two features are. Larger is always nearer.
+/// Measures of similarity of two features. Larger is always nearer.
 enum class Measure {
   kCosine,  ///< of the angle between them, -1..1; a feature of zeros is 0 from everything
   kL2,      ///< minus their Euclidean distance

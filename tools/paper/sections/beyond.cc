@@ -18,7 +18,7 @@ Agents transfer_agents(const Context& context, World& world) {
           {"place_filter", representation, context.seeds, 1.5, "relabel"}};
 }
 
-/// The training on the first `frames` places of the world's traversal learned from.
+/// Returns the training on the first `frames` places of the world's traversal learned from.
 Study first_training(const Context& context, World& world, const Context::Agent& agent, std::uint64_t seed,
                      int frames) {
   const double share = context.quick ? 0.5 : 1;
@@ -32,7 +32,7 @@ Study first_training(const Context& context, World& world, const Context::Agent&
   return study;
 }
 
-/// How a trained agent learns on the second route.
+/// A way in which a trained agent learns on the second route.
 struct Variant {
   std::string label;
   bool pretrained = true;             ///< begins with the parameters of the first route
@@ -51,7 +51,7 @@ std::vector<Variant> variants_of(const std::string& agent) {
           {"trained from scratch", false}};
 }
 
-/// The worlds that policies are compared in, the perfect one first.
+/// Returns the worlds that policies are compared in, the perfect one first.
 std::vector<Imperfections> worlds(bool quick) {
   std::vector<Imperfections> all(1);
   const std::vector<double> shares = quick ? std::vector{0.1} : std::vector{0.05, 0.1, 0.2};
@@ -62,8 +62,8 @@ std::vector<Imperfections> worlds(bool quick) {
   return all;
 }
 
-/// What policies are told of a world, empty where there is nothing to tell: how likely slips and kidnappings are, these
-/// a step. An episode is as long as a mean distance, a third of the route. Nothing can be told of dropped frames.
+/// Returns what policies are told of a world: how likely slips and, per step, kidnappings are; empty where neither
+/// happens. An episode is taken to be as long as a mean distance, a third of the route. Dropped frames are not told.
 std::map<std::string, double> told(const Imperfections& imperfections, int frames) {
   std::map<std::string, double> parameters;
   if (imperfections.slip > 0) parameters["slip"] = imperfections.slip;

@@ -15,7 +15,7 @@ constexpr int kPictures = 9;  // in a strip
 
 World& world_of(const Context& context) { return context.world.pictures() ? context.world : context.drawn; }
 
-/// The agents that see, on recordings that have pictures.
+/// Returns the agents that see, on recordings that have pictures.
 std::vector<Study> studies(const Context& context) {
   if (context.world.pictures()) {
     std::vector<Study> all;
@@ -39,7 +39,7 @@ std::vector<Study> studies(const Context& context) {
   return two;
 }
 
-/// The trial of a training on a traversal; null when there is none.
+/// Returns the trial of a training on a traversal; null when there is none.
 Json trial(const Context& context, const Json& training, const std::string& traversal) {
   const Json& outcome = context.work.outcome(training["unit"].get<int>());
   if (!outcome.is_null())

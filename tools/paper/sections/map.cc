@@ -29,7 +29,7 @@ std::vector<MapPolicy> map_policies(const Context& context) {
   return all;
 }
 
-/// The recommended number; with --quick a third of it for the slow agent.
+/// Returns the recommended number; with --quick a third of it for the slow agent.
 std::uint64_t training_steps(const Context& context, const std::string& agent) {
   const std::uint64_t asked = context.steps(agent);
   const double steps =

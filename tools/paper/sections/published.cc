@@ -27,7 +27,7 @@ Context::Agent wide_agent(const Context& context, const std::string& representat
   return agent;
 }
 
-/// The paper's agent on more features than the others compare it on, as many as the data allow.
+/// Returns the paper's agent on more features than the others compare it on, as many as the data allow.
 std::vector<Context::Agent> wide_agents(const Context& context) {
   const std::string narrow = context.paper_agent().representation, encoder = encoder_of(narrow) + "-";
   std::vector<Context::Agent> agents;

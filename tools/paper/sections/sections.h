@@ -19,7 +19,7 @@ struct Section {
   void (*complete)(const Context& context, Json& data) = nullptr;
 };
 
-/// All of them, in the order of the report.
+/// Returns all sections, in the order of the report.
 const std::vector<Section>& sections();
 
 /// Traversals of the sections that try policies in many ways: the one learned from and two others.

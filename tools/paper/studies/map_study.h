@@ -25,7 +25,7 @@ struct MapStudy {
   double seconds = 30;                  ///< estimate
 };
 
-/// Its unit of work. Outcome:
+/// Returns its unit of work. Outcome:
 /// "trials": [{"traversal", "completed", "spl", "steps", "shortest"}], an ESTIMATE over tasks each: SPL against the
 /// shortest path with junctions, whether the agent has them or not; "shortest": the path that it could have taken.
 /// "walk": {"start", "goal", "places"} on the traversal learned from, of the task for which junctions save most: where

@@ -19,9 +19,9 @@ namespace citylearn::paper {
 namespace {
 
 constexpr int kEnvironments = 512, kAgents = 16;
-constexpr std::chrono::seconds kPatience{60};
+constexpr std::chrono::seconds kWaitTimeout{60};
 
-/// Resident memory of a process.
+/// Returns the resident memory of a process.
 double resident(pid_t process) {
   std::ifstream file(fmt::format("/proc/{}/statm", process));
   double pages = 0, resident = 0;
@@ -46,7 +46,7 @@ double of_environments(const Traversal& traversal, int frames) {
   return (resident(getpid()) - before) / kEnvironments;
 }
 
-/// The command line that hosts the traversal which `world` learns from.
+/// Returns the command line that hosts the traversal which `world` learns from.
 std::vector<std::string> command_line(const std::string& program, const World& world) {
   const Source& source = world.source();
   std::vector<std::string> command = {program, "--dataset", source.dataset};
@@ -68,7 +68,7 @@ double of_process(const std::string& program, const World& world) {
     std::filesystem::remove(log);
     return text;
   };
-  const Clock::time_point deadline = Clock::now() + kPatience;
+  const Clock::time_point deadline = Clock::now() + kWaitTimeout;
   // It logs what it hosts once it is ready.
   while (read_file(log).find(" agents, hash ") == std::string::npos) {
     if (child.status() || Clock::now() > deadline)

@@ -8,7 +8,7 @@
 
 namespace citylearn::paper {
 
-/// Path of the env_service that was built beside this program; empty where there is none.
+/// Returns the path of the env_service that was built beside this program; empty where there is none.
 std::string env_service_program();
 
 /// Measures resident memory on the traversal learned from: what one more Environment of 16 agents adds to a process

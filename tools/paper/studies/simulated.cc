@@ -16,7 +16,7 @@ namespace citylearn::paper {
 namespace {
 
 constexpr int kPatch = 16;  // frames
-constexpr double kLeastShare = 0.2;
+constexpr double kMinShare = 0.2;
 
 class Cropped : public DerivedImages {
  public:
@@ -86,7 +86,7 @@ double share_of_second(int frame) {
   const auto draw = [](int patch) { return Random{0x6d6978, static_cast<std::uint64_t>(patch)}.uniform(); };
   const double past = static_cast<double>(frame % kPatch) / kPatch;
   const double drawn = (1 - past) * draw(frame / kPatch) + past * draw(frame / kPatch + 1);
-  return kLeastShare + (1 - 2 * kLeastShare) * drawn;
+  return kMinShare + (1 - 2 * kMinShare) * drawn;
 }
 
 Traversal mixture(const Traversal& first, const Traversal& second, const std::string& name) {

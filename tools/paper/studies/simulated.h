@@ -14,8 +14,8 @@ namespace citylearn::paper {
 /// width with a sum of at most 1. So a camera with a narrower lens, turned or moved aside, would see distant things.
 std::shared_ptr<Images> cropped(std::shared_ptr<Images> pictures, double left, double width);
 
-/// Share of the second traversal in frame i of a mixture: between 1/5 and 4/5, another draw each 16 frames and straight
-/// lines between.
+/// Returns the share of the second traversal in frame i of a mixture: between 1/5 and 4/5, another draw each 16 frames
+/// and straight lines between.
 double share_of_second(int frame);
 
 /// Returns a traversal between two of the same route: its frames are weighed means of theirs, of the pictures (the

@@ -11,9 +11,9 @@ struct Estimate {
   int n = 0;  ///< values it comes from; with fewer than 2 there is no interval (NaN)
 };
 
-/// The mean of independent values (Student's t). Values that are not finite are left out.
+/// Returns the mean of independent values (Student's t). Values that are not finite are left out.
 Estimate of_mean(const std::vector<double>& values);
-/// The share of successes among independent trials (Wilson, JASA 1927).
+/// Returns the share of successes among independent trials (Wilson, JASA 1927).
 Estimate of_share(double successes, int trials);
 
 }  // namespace citylearn::paper

@@ -38,15 +38,15 @@ struct Study {
   std::map<std::string, double> network_parameters;  ///< of the agent; what is not given is the recommendation
 };
 
-/// The unit of work of a study. Its outcome:
-/// "curve": {"episodes", "steps", "seconds", "reward", "spl", "length"}, a number an update: means over the episodes
-/// that ended in it (null where none did); "deployments": [{"episodes", "traversal", SCORE}]; "trials": [{"traversal",
-/// "shuffled", SCORE}], those not shuffled with "walk" (walk.h); "episodes", "steps", "seconds"; "spl95": {"episodes",
-/// "steps", "seconds"} or null; "parameters": text, where they are saved. SCORE: tasks, completed, spl, excess, steps,
-/// reward. All but the seconds are the same again with the same seed.
+/// Returns the unit of work of a study. Its outcome: "curve": {"episodes", "steps", "seconds", "reward", "spl",
+/// "length"}, a number an update: means over the episodes that ended in it (null where none did); "deployments":
+/// [{"episodes", "traversal", SCORE}]; "trials": [{"traversal", "shuffled", SCORE}], those not shuffled with "walk"
+/// (walk.h); "episodes", "steps", "seconds"; "spl95": {"episodes", "steps", "seconds"} or null; "parameters": text,
+/// where they are saved. SCORE: tasks, completed, spl, excess, steps, reward. All but the seconds are the same again
+/// with the same seed.
 Unit unit_of(const Study& study, World& world);
 
-/// The agent of a study that saves its parameters; its unit must be added to `work` before those that use it.
+/// Returns the agent of a study that saves its parameters; its unit must be added to `work` before those that use it.
 SavedAgent saved_agent(const Study& study, World& world, const Work& work);
 
 /// That agent, without more training, on the route and the traversals of `task`. Its parameters are the same; it is

@@ -11,22 +11,22 @@
 
 namespace citylearn::paper {
 
-/// The places that an episode visits, from `start` on; `path` holds its actions as in EpisodeStat. Throws Error when
-/// they lead off the route.
+/// Returns the places that an episode visits, from `start` on; `path` holds its actions as in EpisodeStat. Throws Error
+/// when they lead off the route.
 std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
                                int places);
 
-/// The one episode of a trial that is shown as pictures: of its first 20 tasks the first one with the longest shortest
-/// path. All agents have the same tasks, so all walks have the same start and goal.
+/// Returns the one episode of a trial that is shown as pictures: of its first 20 tasks the first one with the longest
+/// shortest path. All agents have the same tasks, so all walks have the same start and goal.
 /// Outcome: {"task", "goal", "completed", "frames"}: the frames it visited, as indices on the traversal.
 /// `episodes` by task, at least one, on a traversal of so many frames without turns.
 Json walk_of(const std::vector<Environment::Episode>& episodes, int frames);
 
-/// Which of `count` frames are shown as `most` pictures: the first, the last, and evenly spread ones between them.
+/// Returns which of `count` frames to show as `most` pictures: the first, the last, and evenly spread ones between.
 std::vector<int> spread(int count, int most);
 
-/// These frames of a traversal with images side by side, each in a column of the same width, as the bytes of a PNG.
-/// Throws Error when a picture cannot be read.
+/// Returns these frames of a traversal with images side by side, each in a column of the same width, as the bytes of a
+/// PNG. Throws Error when a picture cannot be read.
 std::string strip_png(const Traversal& traversal, const std::vector<int>& frames);
 
 }  // namespace citylearn::paper

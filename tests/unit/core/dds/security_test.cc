@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What --security says to a folder; empty when it accepts it.
+/// Returns the complaint of --security about a folder; empty when it accepts it.
 std::string complaint(const std::string& folder, const std::string& id = "env-1") {
   return error_of([&] {
     const std::string path = internal::check_security(folder, id);

@@ -30,7 +30,7 @@ std::string encoded(const std::string& suffix, int width, int height, int channe
 
 ImageHeader header_of(std::string_view file) { return read_image_header(bytes_of(file), "here.png"); }
 
-/// Empty when it is read without one.
+/// Returns the fault of a file; empty when it is read without one.
 std::string fault_of(std::string_view file) {
   return error_of([&] { header_of(file); });
 }

@@ -19,13 +19,13 @@ std::string parse_refusal(const std::string& text) {
 
 TEST(ParseJson, ReadsWhatIsOrdinary) {
   EXPECT_EQ(parse_json(R"({"a": [1, "]}[{\"\\", null]})", "a.json"), nlohmann::json({{"a", {1, "]}[{\"\\", nullptr}}}));
-  EXPECT_EQ(parse_json(nested(kMostJsonLevels), "a.json").dump(), nested(kMostJsonLevels));
+  EXPECT_EQ(parse_json(nested(kMaxJsonDepth), "a.json").dump(), nested(kMaxJsonDepth));
   EXPECT_EQ(parse_json(R"(["[[\"[[", ")" + std::string(1000, '[') + R"("])", "a.json").size(), 2u);
   EXPECT_EQ(parse_json(R"({"a": 1, "b": {"a": 2, "c": 3}})", "a.json", "", {"a"}).dump(), R"({"b":{"c":3}})");
 }
 
 TEST(ParseJson, SaysWhatIsWrong) {
-  EXPECT_EQ(parse_refusal(nested(kMostJsonLevels + 1)), "a.json: nests more than 64 levels deep (fetch it again)");
+  EXPECT_EQ(parse_refusal(nested(kMaxJsonDepth + 1)), "a.json: nests more than 64 levels deep (fetch it again)");
   EXPECT_EQ(parse_refusal(std::string(8'000'000, '[')), parse_refusal(nested(65)));
   EXPECT_EQ(parse_refusal(R"("\\)" + std::string(100, '{')),
             "a.json: is not JSON: broken at byte 104 (fetch it again)");

@@ -241,7 +241,7 @@ TEST_F(Mcap, ErrorsSayWhatIsWrong) {
 
 TEST(WireHeader, IsReadFromEveryMessageAndItsRunChanged) {
   for_each_message([]<class Message>() {
-    for (const Size size : {Size::kLeast, Size::kTypical, Size::kMost}) {
+    for (const Size size : {Size::kMin, Size::kTypical, Size::kMax}) {
       Message message = sample_of<Message>(size);
       const Bytes bytes = encoded(message);
       const auto header = header_of(bytes);

@@ -37,11 +37,11 @@ std::string decode_error(const Bytes& bytes) {
 
 TEST(Messages, EveryTypeGoesRoundAtEverySize) {
   for_each_message([]<class Message>() {
-    for (Size size : {Size::kLeast, Size::kTypical, Size::kMost}) {
+    for (Size size : {Size::kMin, Size::kTypical, Size::kMax}) {
       const Message sent = sample_of<Message>(size);
       const Bytes bytes = encoded(sent);
       // Into a message that held something else before.
-      Message received = sample_of<Message>(size == Size::kMost ? Size::kLeast : Size::kMost);
+      Message received = sample_of<Message>(size == Size::kMax ? Size::kMin : Size::kMax);
       ASSERT_NO_THROW(decode(std::span<const std::byte>(bytes), received)) << topic_of<Message>().type;
       EXPECT_TRUE(equal(sent, received)) << topic_of<Message>().type << ", size " << static_cast<int>(size);
     }
@@ -50,7 +50,7 @@ TEST(Messages, EveryTypeGoesRoundAtEverySize) {
 
 TEST(Messages, OurReaderAgreesWithTheGeneratedOne) {
   for_each_message([]<class Message>() {
-    for (Size size : {Size::kLeast, Size::kTypical, Size::kMost}) {
+    for (Size size : {Size::kMin, Size::kTypical, Size::kMax}) {
       Bytes bytes = encoded(sample_of<Message>(size));
       eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
       eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
@@ -66,7 +66,7 @@ TEST(Messages, OurReaderAgreesWithTheGeneratedOne) {
 
 TEST(Messages, LargestIsTheSizeOfTheLargest) {
   for_each_message([]<class Message>() {
-    const std::size_t size = encoded(sample_of<Message>(Size::kMost)).size();
+    const std::size_t size = encoded(sample_of<Message>(Size::kMax)).size();
     EXPECT_LE(size, topic_of<Message>().largest) << topic_of<Message>().type;
     EXPECT_GE(size + 16, topic_of<Message>().largest) << topic_of<Message>().type;  // alignment is counted at its worst
   });
@@ -148,7 +148,7 @@ TEST(Messages, OtherProtocolIsRefusedAtOnce) {
 }
 
 TEST(Messages, OverBoundIsNotEncoded) {
-  auto message = sample_of<msg::Action>(Size::kMost);
+  auto message = sample_of<msg::Action>(Size::kMax);
   message.choice().push_back(0);
   Bytes bytes;
   EXPECT_EQ(error_of([&] { encode(message, bytes); }),
@@ -247,7 +247,7 @@ TEST(Messages, NamesFollowOneRule) {
 }
 
 TEST(Messages, UnknownEnumeratorIsRefused) {
-  auto message = sample_of<msg::TaskSettings>(Size::kLeast);
+  auto message = sample_of<msg::TaskSettings>(Size::kMin);
   Bytes bytes = encoded(message);
   message.task_mode(msg::EVALUATE);
   const Bytes other = encoded(message);

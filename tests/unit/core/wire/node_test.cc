@@ -73,7 +73,7 @@ class Hostile : public ::testing::Test {
   }
 };
 
-/// As a node of run "ours" sends it.
+/// Returns a message as a node of run "ours" sends it.
 template <class Message>
 Message good() {
   auto message = sample_of<Message>(Size::kTypical);

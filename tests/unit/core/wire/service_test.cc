@@ -155,7 +155,7 @@ TEST(OptionValues, SayWhereTheyComeFrom) {
   EXPECT_EQ(options["--peers"], ", default");
 }
 
-/// What `ulimit` forbids ends in one line; without it the kernel or a DDS library would end the process without a word.
+/// A limit of `ulimit` ends the process with one line. Without it the kernel or a DDS library would end it silently.
 TEST(ServiceLimits, EndWithOneLine) {
   const Folder folder;
   const auto ends_with = [&](__rlimit_resource resource, rlim_t most, const std::string& line) {

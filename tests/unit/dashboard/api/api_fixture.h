@@ -20,7 +20,7 @@ namespace citylearn::testing {
 using Json = nlohmann::json;
 using Parameters = std::map<std::string, std::string>;
 
-/// What is alive: one service, one event, a map, a picture.
+/// A LiveView with one service, one event, a map, a picture.
 class FakeLive : public LiveView {
  public:
   Json services() override { return {{"now", 5.0}, {"services", {{{"id", "env-summer"}}}}}; }

@@ -237,7 +237,7 @@ TEST(ClientHubLinger, ButNotForEver) {
   client->watch({"services"});
   hub.publish("services", {}, bytes("s"), Merge::kReplace);
   client->watch({});
-  EXPECT_TRUE(poll_until([&] { return hub.watched().empty(); }, kPatience));
+  EXPECT_TRUE(poll_until([&] { return hub.watched().empty(); }, kMaxWait));
   client->watch({"services"});
   EXPECT_FALSE(take(*client));
 }
@@ -294,7 +294,7 @@ TEST(RunsFeedTest, SendsTheListToWhoWatchesItAndWhenItChanges) {
       },
       milliseconds(1));
   const auto client = hub.join([] {});
-  const auto awaited = [&](int count) { return poll_until([&] { return asked >= count; }, kPatience); };
+  const auto awaited = [&](int count) { return poll_until([&] { return asked >= count; }, kMaxWait); };
   const auto newest = [&](int wanted) {
     std::optional<News> news;
     return poll_until(
@@ -302,7 +302,7 @@ TEST(RunsFeedTest, SendsTheListToWhoWatchesItAndWhenItChanges) {
           news = take(*client);
           return news && Json::parse(news->payload)["runs"][0] == wanted;
         },
-        kPatience);
+        kMaxWait);
   };
   EXPECT_EQ(asked, 0) << "nobody watches";
   client->watch({"runs"});

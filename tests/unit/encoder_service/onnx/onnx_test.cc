@@ -274,7 +274,7 @@ using Lists = std::vector<std::pair<std::string, Sides>>;
 
 TinyOnnx start(std::int64_t opset = 11) { return TinyOnnx().input({1, 3, 4, 4}).opset(opset); }
 
-/// What the network makes of a picture of red 30, green 20 and blue 10, as bytes, averaged over all places.
+/// Returns the network's output for a picture of red 30, green 20 and blue 10, as bytes, averaged over all places.
 std::vector<float> colours_of(const TinyOnnx& model, const std::string& layer = "") {
   const Folder folder;
   const Values plain = {{"scale", 255}, {"mean-red", 0},      {"mean-green", 0},      {"mean-blue", 0},

@@ -183,7 +183,7 @@ TEST(DescriptorExchange, WhatIsNotSentIsEncodedHere) {
   };
   ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(mute); }, free));
   EXPECT_EQ(one.work.done(), 0);
-  EXPECT_EQ(liar.requests, RequestTimer::kUsualTries);
+  EXPECT_EQ(liar.requests, RequestTimer::kDefaultTries);
 }
 
 TEST(DescriptorExchange, WhatItIsNotAskedForOrLacksIsNotSent) {

@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 
 const FeatureStore::Key kKey{"hog-1 bins=12", 32, 0x0123456789ABCDEF, 50};
 
-/// What any process writes as this frame.
+/// Returns the descriptor that any process writes for this frame.
 std::vector<float> descriptor(int frame, int dimension) {
   std::vector<float> numbers(static_cast<std::size_t>(dimension));
   for (std::size_t i = 0; i < numbers.size(); ++i)
@@ -33,7 +33,7 @@ void write(FeatureStore& store, const FeatureStore::Key& key, int frame) {
   store.write(frame, descriptor(frame, key.dimension));
 }
 
-/// Whether the frame is there; a test failure when its numbers are other ones.
+/// Returns whether the frame is there. Wrong numbers are a test failure.
 bool read(const FeatureStore& store, const FeatureStore::Key& key, int frame) {
   std::vector<float> numbers(static_cast<std::size_t>(key.dimension), -1.0f);
   if (!store.read(frame, numbers)) return false;
@@ -279,7 +279,7 @@ class DamagedStore : public ::testing::Test {
     path_ = store.path();
     bytes_ = contents(path_);
   }
-  /// What opening says of these bytes; nothing may have touched them.
+  /// Returns the error of opening these bytes, which must stay unchanged.
   std::string opened(const std::string& bytes) {
     make_file(path_, bytes);
     std::string message = opening(folder_);

@@ -24,7 +24,7 @@ class Ranges : public ::testing::Test {
   std::string path_ = folder_ / "0.bin";
 };
 
-constexpr float kNone = kFarthestRange;
+constexpr float kNone = kMaxRange;
 
 TEST_F(Ranges, BinsBeginBehindAndTurnLeft) {
   EXPECT_EQ(of({{-10, -1, 0}}, 4)[0], std::hypot(10.0f, 1.0f));

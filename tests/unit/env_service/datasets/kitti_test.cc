@@ -171,7 +171,7 @@ TEST_F(KittiRanges, AreFeaturesThatNeedNoPictures) {
   ASSERT_EQ(traversal.dimension, 4);
   for (int i = 0; i < 3; ++i) {
     EXPECT_NEAR(traversal.feature(i)[2], 10 + i, 1e-2);
-    for (const int nothing : {0, 1, 3}) EXPECT_EQ(traversal.feature(i)[nothing], kFarthestRange);
+    for (const int nothing : {0, 1, 3}) EXPECT_EQ(traversal.feature(i)[nothing], kMaxRange);
   }
   EXPECT_NEAR(traversal.latitude[1], 0.001, 1e-7);
   EXPECT_EQ(log.text(), "");
@@ -253,7 +253,7 @@ TEST(KittiOdometry, ReadsStereoAndRanges) {
   };
   EXPECT_EQ(picture_of(load({{"camera", 0}, {"second-camera", 1}}), 2).size(), cv::Size(16, 16));
   const Traversal ranges = load({{"ranges", 2}});
-  EXPECT_EQ(ranges.features, (std::vector<float>{kFarthestRange, 5, kFarthestRange, 5}));
+  EXPECT_EQ(ranges.features, (std::vector<float>{kMaxRange, 5, kMaxRange, 5}));
   EXPECT_EQ(ranges.positions, (std::vector<float>{0, 6}));
 }
 
@@ -327,9 +327,9 @@ TEST(KittiReal, AStereoPairAndScansOfARawDrive) {
   EXPECT_NEAR(ranges.feature(0)[0], 48.307, 1e-3);
   EXPECT_NEAR(ranges.feature(0)[18], 43.375, 1e-3);
   EXPECT_NEAR(ranges.feature(0)[24], 6.701, 1e-3);
-  EXPECT_EQ(ranges.feature(2)[19], kFarthestRange);
+  EXPECT_EQ(ranges.feature(2)[19], kMaxRange);
   EXPECT_NEAR(ranges.feature(4)[35], 38.691, 1e-3);
-  for (const float range : ranges.features) EXPECT_TRUE(range >= kNearestRange && range <= kFarthestRange) << range;
+  for (const float range : ranges.features) EXPECT_TRUE(range >= kMinRange && range <= kMaxRange) << range;
 }
 
 }  // namespace

@@ -83,8 +83,8 @@ TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
   EXPECT_EQ(complaint(std::string("1,2\n3,\0\x1b[2J\n", 12)), "x.csv:2: '??[2J' in column 2 is not a number" + kOnly);
 }
 
-/// As pandas writes them: to_csv(index=False), with the names 0..D-1 of columns; to_csv(header=False), with those of
-/// rows.
+/// Tests files as pandas writes them: to_csv(index=False), with the names 0..D-1 of columns; to_csv(header=False), with
+/// those of rows.
 TEST_F(Plain, HeadersAndIndexesAreNotFeatures) {
   const std::string header = "x.csv:1: numbers the columns (remove this line, as features have no header)";
   EXPECT_EQ(complaint("0,1,2\n0.5,1,2\n3,4,5\n"), header);

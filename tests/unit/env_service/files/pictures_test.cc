@@ -14,7 +14,7 @@ namespace {
 
 using Names = std::vector<std::string>;
 
-/// What pictures_in() makes of files with these names: in its order, or the Error's line.
+/// The result of pictures_in() for files with these names: in its order, or the Error's line.
 struct Listing {
   explicit Listing(const Names& names) {
     const Folder folder;

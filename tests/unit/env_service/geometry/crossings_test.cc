@@ -207,7 +207,7 @@ TEST(RouteMap, AStretchKeepsTheTurnsThatComeBack) {
   EXPECT_TRUE(turns_within({}, 2, 4).empty());
 }
 
-/// By trying: after k rounds every way of k steps is known.
+/// Finds distances by trying: after k rounds every way of k steps is known.
 std::vector<int> distances_by_trying(int goal, int places, const std::vector<int>& turns) {
   std::vector<int> distances(static_cast<std::size_t>(places), places);
   distances[static_cast<std::size_t>(goal)] = 0;

@@ -63,8 +63,8 @@ Corners seen(Images& images, cv::Size& size) {
   return corners;
 }
 
-/// Where the first row and column of what is stored belong (CIPA DC-008, 4.6.4): 1 top left, 2 top right, 3 bottom
-/// right, 4 bottom left, 5 left top, 6 right top, 7 right bottom, 8 left bottom.
+/// The place of the first stored row and column (CIPA DC-008, 4.6.4): 1 top left, 2 top right, 3 bottom right, 4 bottom
+/// left, 5 left top, 6 right top, 7 right bottom, 8 left bottom.
 TEST(Orientation, AllEightAreTurnedOnce) {
   const Corners upright{40, 100, 160, 220};
   const std::vector<Corners> stored{{40, 100, 160, 220}, {100, 40, 220, 160}, {220, 160, 100, 40}, {160, 220, 40, 100},

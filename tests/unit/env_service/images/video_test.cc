@@ -117,7 +117,7 @@ TEST(VideoTimes, FollowTheBoxThatGivesDurations) {
   EXPECT_NEAR(times[49], 30 / 25.0 + 3 * 19 / 25.0, 1e-6);
 }
 
-/// What a copy from second .6 on leaves: the packets from the key frame before, of which the first ones are not shown.
+/// A copy from second .6 on has the packets from the key frame before, of which the first ones are not shown.
 TEST(VideoCut, HidesWhatTheEditListHides) {
   const Folder folder;
   write_film(folder / "x.mp4", kPictures);

@@ -110,7 +110,7 @@ class RobotTest : public ::testing::Test {
     goal.pose().position().y(5);
     world_.publish("/goal", goal);
   }
-  /// What is said on the status topic since the last call.
+  /// Returns what was said on the status topic since the last call.
   std::vector<std::string> said() {
     std::vector<std::string> all;
     for (std_msgs::msg::dds_::String_ status; status_.take(status);) all.push_back(status.data());
@@ -309,7 +309,7 @@ TEST_F(RobotTest, GoalsThatAreNoPlaceAreRefused) {
   RobotOptions with_goals = options();
   with_goals.goal = "/goal";
   Robot robot = make(with_goals);
-  robot.tell("waiting");
+  robot.publish_status("waiting");
   send_pose(10, 0);
   robot.poll(Clock::now());
   said();

@@ -25,7 +25,7 @@ namespace {
 
 namespace pb = google::protobuf;
 
-/// What a reader needs of tensorflow/core/util/event.proto and tensorflow/core/framework/summary.proto: a
+/// The messages that a reader needs of tensorflow/core/util/event.proto and tensorflow/core/framework/summary.proto: a
 /// FileDescriptorProto as text.
 constexpr const char* kDefinitions = R"(
   name: "event.proto" syntax: "proto3"
@@ -261,7 +261,7 @@ TEST(EventLog, ANewRunBeginsAnew) {
   EXPECT_EQ(read_events(files[0]).points.at(0).step, 2000);
 }
 
-/// What is in the folder when a run goes on may be anything.
+/// The folder may have any contents when a run continues.
 TEST(EventLog, DamagedFilesAreKeptAsFarAsTheyAreWhole) {
   Folder folder;
   const std::string runs = folder / "tensorboard";

@@ -29,7 +29,7 @@ Parameters parameters_for(const std::string& name, const std::map<std::string, d
   return {name, NetworkRegistry<float>::instance().find("network", name).parameters, values};
 }
 
-/// What all agents see at one step: at random, and episodes that begin in the middle.
+/// Returns random inputs of all agents at one step, with episodes that begin in the middle.
 NetworkInputs<float> some_step(const NetworkTask& task, int step, Random& random) {
   NetworkInputs<float> inputs;
   inputs.resize(task.features, 1, kExportedAgents);
@@ -63,7 +63,7 @@ class Reader {
     net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
   }
 
-  /// All agents at once when `agent` < 0. `state`: size x agents.
+  /// Runs all agents at once when `agent` < 0. `state`: size x agents.
   std::vector<cv::Mat> step(const NetworkInputs<float>& inputs, const Vector<float>& condition,
                             const Matrix<float>& state, int agent) {
     const int begin = agent < 0 ? 0 : agent, count = agent < 0 ? inputs.agents : 1;

@@ -332,7 +332,7 @@ double spl(const TrainedAgent& agent, const Traversal& city, bool greedy) {
   return sum / 200;
 }
 
-/// Those whose tasks are done disturb nobody.
+/// Agents whose tasks are done do not disturb the others.
 TEST_P(EachNetwork, ActsAsIfIdleAgentsWereNotThere) {
   const Traversal city = small_city_for(GetParam());
   TrainerOptions options = small_options(GetParam());

@@ -170,7 +170,7 @@ TEST(Vtrace, LossAgreesWithCentralDifferences) {
   check(heads.auxiliary, derivative.auxiliary);
 }
 
-/// As relabel uses it, from places alone.
+/// Tests it as relabel uses it, from places alone.
 TEST(EpisodeReward, IsTheEnvironmentsReward) {
   const Traversal city = small_city(9);
   Environment environment(city, 8);

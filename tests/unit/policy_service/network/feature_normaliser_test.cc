@@ -72,7 +72,7 @@ TEST(PlaceKeys, TellAPlaceByAnyOfItsExperiences) {
     EXPECT_THROW(PlaceKeys<float>(both.leftCols(places), kFeatures, kPlaces), Error) << places;
 }
 
-/// What agents see at a step: at random, of one route, from `seed` on another one.
+/// Returns what agents see at a step: at random, of one route, from `seed` on another one.
 msg::Observation some_observation(const Matrix<float>& features, Random& random, int step) {
   msg::Observation o;
   o.feature_dimension() = kFeatures;
@@ -105,8 +105,7 @@ TEST(ReadObservation, TellsExperiencesApart) {
     EXPECT_EQ(batch.features_of(agent), -batch.features_of(kAgents + agent)) << agent;
 }
 
-/// Of two walks that see the same at first, no action before the difference differs: nothing was known of what came
-/// after it.
+/// Two walks that see the same at first act alike until the difference: nothing was known of what came after it.
 TEST(FeatureNormaliser, NothingLaterChangesAnAction) {
   const NetworkTask task = some_task(kFeatures, kPlaces);
   ControlTask known{0, kPlaces, task.reference};

@@ -143,7 +143,7 @@ TEST(Product, RoundsLargeFactorsToBfloat16Alone) {
   EXPECT_LT(error(out, a * narrow), 1e-6F);
 }
 
-/// Who multiplies on this processor.
+/// Returns the libraries that can multiply on this processor.
 std::vector<Math> usable_math() {
   std::vector<Math> usable{Math::kEigen, Math::kOneDnn};
   try {

@@ -20,7 +20,7 @@ namespace {
 
 struct Killed {};
 
-/// Where a rank is killed next.
+/// The place where a rank is killed next.
 enum Place { kNowhere, kAnywhere, kBeforeMeeting, kBeforeSum, kBeforeVote, kWhileVoting };
 
 /// Returns an address at which nobody listens.
@@ -68,7 +68,7 @@ class Mortal : public RankGroup {
   GlooGroup group_;
 };
 
-/// What all ranks saw after each update.
+/// The results that all ranks saw after each update.
 struct Record {
   std::mutex mutex;
   std::map<std::uint64_t, std::pair<std::uint64_t, Vector<float>>> updates;  ///< number: steps and parameters

@@ -20,13 +20,13 @@ class OutputFolderTest : public ::testing::Test {
   OutputFolderTest() { options_.output = folder_ / "out"; }
   std::string path(const std::string& name) const { return options_.output + "/" + name; }
   bool exists(const std::string& name) const { return std::filesystem::exists(path(name)); }
-  /// What a training leaves.
+  /// Writes the files of a training.
   void train() {
     for (const char* name : {"manifest.json", "metrics.csv", "summary.json", "checkpoints/checkpoint-7.clk"})
       make_file(path(name), "of a training");
     evaluate();
   }
-  /// What an evaluation leaves.
+  /// Writes the files of an evaluation.
   void evaluate() {
     make_file(path("episodes.csv"), std::string(120, 'x') + "\n" + kRow);
     make_file(path("summary.json"), "{}");

@@ -310,7 +310,7 @@ TEST_F(RunAnnouncerTest, AHeartBeatsWhileTheNodesThreadComputes) {
           if (status.activity() == "its own again") return true;
         return false;
       },
-      kPatience));
+      kMaxWait));
 }
 
 TEST(Files, AFailedWriteLeavesTheOldFile) {
@@ -418,7 +418,7 @@ TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
   }
 }
 
-/// What is seen looks like the second experience of the route, and nothing like the first.
+/// The pictures look like the second experience of the route, and nothing like the first.
 TEST(Controls, SequenceFilterRemembersEachExperience) {
   const int frames = 24, dimension = 8;
   ControlTask task = some_control_task(0, frames, dimension);

@@ -25,7 +25,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kSoon{60};
+constexpr seconds kShortWait{60};
 
 cv::dnn::Net read(const std::string& model) {
   cv::dnn::Net net = cv::dnn::readNetFromONNX(model.data(), model.size());
@@ -354,7 +354,7 @@ TEST(ExportProgram, WritesTheFileOrSaysWhyNot) {
     if (!output.empty()) command.insert(command.end(), {"--output", some.folder / output});
     command.insert(command.end(), more.begin(), more.end());
     Service program(command, some.folder / "log");
-    const auto status = program.wait(kSoon);
+    const auto status = program.wait(kShortWait);
     return std::pair{status.value_or(-1), program.output()};
   };
   const std::vector<std::string> picture = {"--picture", "160x96", "--store", some.options.store};

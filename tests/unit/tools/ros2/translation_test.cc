@@ -50,7 +50,7 @@ class Ros2TranslationTest : public ::testing::Test, private Ros2Sink {
     made.choice({kNext, kStay});
     return made;
   }
-  /// How many came on topics that end so; all are forgotten.
+  /// Returns how many messages came on topics with this ending; all are forgotten.
   std::size_t count(const std::string& name) {
     const std::size_t found = static_cast<std::size_t>(
         std::count_if(sent_.begin(), sent_.end(), [&](const Sent& sent) { return sent.topic.ends_with("/" + name); }));
