@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kRoot = CITYLEARN_SOURCE_DIR;
+const fs::path kSourceRoot = CITYLEARN_SOURCE_DIR;
 
 /// Folders with what speaks on the wire.
 const std::vector<std::string> kFolders = {"core/exchange",   "core/wire",      "core/recording", "env_service",
@@ -56,8 +56,8 @@ TEST(Timing, OfTheWireStandsInOneTable) {
       R"(\b(micro|milli)?(seconds|minutes|hours)\b>?\s*\w*\s*[({]\s*[1-9]|\b[1-9][0-9']*(us|ms|s|min)\b)");
   std::vector<int> used(kExceptions.size());
   for (const std::string& folder : kFolders)
-    for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kRoot / folder)) {
-      const std::string path = fs::relative(entry.path(), kRoot), extension = entry.path().extension();
+    for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kSourceRoot / folder)) {
+      const std::string path = fs::relative(entry.path(), kSourceRoot), extension = entry.path().extension();
       if ((extension != ".h" && extension != ".cc") || path.find("/node_modules/") != path.npos) continue;
       for (const std::string& line : lines_of(contents(entry.path()))) {
         if (!std::regex_search(code_of(line), time)) continue;

@@ -33,7 +33,7 @@ class FullDisk {
   rlimit before_{};
 };
 
-msg::EpisodeStat episode(std::uint64_t number) {
+msg::EpisodeStat numbered_episode(std::uint64_t number) {
   msg::EpisodeStat stat;
   stat.header().sender() = "env-summer";
   stat.header().incarnation() = 7;
@@ -97,26 +97,26 @@ TEST(EpisodeLog, AFullDiskAcknowledgesNothingNewAndLosesNothing) {
   const Folder folder;
   const std::string path = folder / "episodes.csv";
   EpisodeLog log(path);
-  EXPECT_TRUE(log.record(episode(1)));
+  EXPECT_TRUE(log.record(numbered_episode(1)));
   EXPECT_EQ(log.recorded("env-summer", 7), 1u);
   const std::string before = contents(path);
   {
     const FullDisk full(before.size() + 10);
-    EXPECT_TRUE(log.record(episode(2)));
+    EXPECT_TRUE(log.record(numbered_episode(2)));
     EXPECT_EQ(log.recorded("env-summer", 7), 1u);
     EXPECT_TRUE(contains(log.problem(), path));
     EXPECT_EQ(contents(path), before);
-    EXPECT_FALSE(log.record(episode(2))) << "it waits";
+    EXPECT_FALSE(log.record(numbered_episode(2))) << "it waits";
     // As long as there is memory for it; then its env_service keeps it.
     std::uint64_t number = 3;
-    while (log.record(episode(number)) && number < 10'000'000) ++number;
+    while (log.record(numbered_episode(number)) && number < 10'000'000) ++number;
     EXPECT_LT(number, 1'000'000u);
     EXPECT_EQ(log.recorded("env-summer", 7), 1u);
   }
   const std::uint64_t recorded = log.recorded("env-summer", 7);
   EXPECT_GT(recorded, 1000u);
   EXPECT_EQ(log.problem(), "");
-  EXPECT_TRUE(log.record(episode(recorded + 1))) << "sent again";
+  EXPECT_TRUE(log.record(numbered_episode(recorded + 1))) << "sent again";
   EXPECT_EQ(log.recorded("env-summer", 7), recorded + 1);
   EXPECT_EQ(EpisodeLog(path).total(), recorded + 1) << "all of them once";
 }
@@ -126,7 +126,7 @@ TEST(EpisodeLog, RowsThatTheDiskDamagedAreDroppedWithWhatFollows) {
   const std::string path = folder / "episodes.csv";
   {
     EpisodeLog log(path);
-    for (std::uint64_t number = 1; number <= 3; ++number) log.record(episode(number));
+    for (std::uint64_t number = 1; number <= 3; ++number) log.record(numbered_episode(number));
     EXPECT_EQ(log.recorded("env-summer", 7), 3u);
   }
   std::string bytes = contents(path);
@@ -136,7 +136,7 @@ TEST(EpisodeLog, RowsThatTheDiskDamagedAreDroppedWithWhatFollows) {
   EpisodeLog log(path);
   EXPECT_EQ(log.recorded("env-summer", 7), 1u);
   EXPECT_EQ(contents(path), bytes.substr(0, second));
-  EXPECT_TRUE(log.record(episode(2))) << "sent again";
+  EXPECT_TRUE(log.record(numbered_episode(2))) << "sent again";
 }
 
 TEST(MetricsLog, RowsWaitForADiskThatIsFull) {

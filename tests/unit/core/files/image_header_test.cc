@@ -18,9 +18,9 @@ namespace {
 using namespace std::string_literals;
 using namespace std::string_view_literals;
 
-std::span<const std::byte> bytes_of(std::string_view text) { return std::as_bytes(std::span(text)); }
+std::span<const std::byte> as_byte_span(std::string_view text) { return std::as_bytes(std::span(text)); }
 
-std::string encoded(const std::string& suffix, int width, int height, int channels = 3) {
+std::string image_file(const std::string& suffix, int width, int height, int channels = 3) {
   cv::Mat picture(height, width, CV_8UC(channels));
   cv::randu(picture, 0, 256);
   std::vector<unsigned char> file;
@@ -28,11 +28,11 @@ std::string encoded(const std::string& suffix, int width, int height, int channe
   return {file.begin(), file.end()};
 }
 
-ImageHeader header_of(std::string_view file) { return read_image_header(bytes_of(file), "here.png"); }
+ImageHeader image_header_of(std::string_view file) { return read_image_header(as_byte_span(file), "here.png"); }
 
 /// Returns the fault of a file; empty when it is read without one.
 std::string fault_of(std::string_view file) {
-  return error_of([&] { header_of(file); });
+  return error_of([&] { image_header_of(file); });
 }
 
 std::string big32(std::uint32_t number) {
@@ -63,14 +63,14 @@ class Written : public ::testing::TestWithParam<std::tuple<const char*, const ch
 TEST_P(Written, IsReadAsOpenCvWroteIt) {
   const auto& [suffix, format, channels] = GetParam();
   for (const auto& [width, height] : {std::pair{1, 1}, {640, 480}, {31, 257}, {2000, 3}}) {
-    const std::string file = encoded(suffix, width, height, channels);
-    const ImageHeader header = header_of(file);
+    const std::string file = image_file(suffix, width, height, channels);
+    const ImageHeader header = image_header_of(file);
     EXPECT_EQ(header.format, format);
     EXPECT_EQ(header.width, width);
     EXPECT_EQ(header.height, height);
-    EXPECT_EQ(image_fault(bytes_of(file)), std::nullopt);
+    EXPECT_EQ(image_fault(as_byte_span(file)), std::nullopt);
     // Its first 64 KiB are enough.
-    EXPECT_EQ(header_of(std::string_view(file).substr(0, 1 << 16)).height, height);
+    EXPECT_EQ(image_header_of(std::string_view(file).substr(0, 1 << 16)).height, height);
   }
 }
 
@@ -83,12 +83,12 @@ INSTANTIATE_TEST_SUITE_P(ImageHeader, Written,
 TEST(ImageHeader, FindsAJpegsSizeBehindOtherSegments) {
   const std::string thumbnail = segment('\xE1', "\xFF\xD8\xFF\xC0\x00\x11\x08\x00\x01\x00\x01\xFF\xD9"sv);
   const std::string large = segment('\xE2', std::string(65000, 'x'));
-  ImageHeader header = header_of("\xFF\xD8" + thumbnail + large + large + "\xFF\xFF" + kFrame);
+  ImageHeader header = image_header_of("\xFF\xD8" + thumbnail + large + large + "\xFF\xFF" + kFrame);
   EXPECT_EQ(header.width, 64);
   EXPECT_EQ(header.height, 48);
   // Huffman tables and arithmetic conditioning have markers between those of frames; progressive is a frame.
-  header = header_of("\xFF\xD8" + segment('\xC4', "table") + segment('\xCC', "table") +
-                     segment('\xC2', "\x08\x00\x05\x00\x06"sv));
+  header = image_header_of("\xFF\xD8" + segment('\xC4', "table") + segment('\xCC', "table") +
+                           segment('\xC2', "\x08\x00\x05\x00\x06"sv));
   EXPECT_EQ(header.width, 6);
   EXPECT_EQ(header.height, 5);
 }
@@ -105,10 +105,10 @@ TEST(ImageHeader, RefusesBrokenJpegs) {
 }
 
 TEST(ImageHeader, ReadsPnmAsPeopleWriteIt) {
-  const ImageHeader header = header_of("P5 # a comment\n#another\n \t12\r\n#last\n 34 255\n...");
+  const ImageHeader header = image_header_of("P5 # a comment\n#another\n \t12\r\n#last\n 34 255\n...");
   EXPECT_EQ(header.width, 12);
   EXPECT_EQ(header.height, 34);
-  EXPECT_EQ(header_of("P1\n2 3\n0 1").format, "pnm");
+  EXPECT_EQ(image_header_of("P1\n2 3\n0 1").format, "pnm");
 }
 
 TEST(ImageHeader, RefusesBrokenPnms) {
@@ -124,8 +124,8 @@ TEST(ImageHeader, RefusesBrokenPnms) {
 }
 
 TEST(ImageHeader, ABmpMayBeStoredFromTheTop) {
-  EXPECT_EQ(header_of(bmp(40, 8, static_cast<std::uint32_t>(-6))).height, 6);
-  EXPECT_EQ(header_of(bmp(124, 8, 6)).height, 6);
+  EXPECT_EQ(image_header_of(bmp(40, 8, static_cast<std::uint32_t>(-6))).height, 6);
+  EXPECT_EQ(image_header_of(bmp(124, 8, 6)).height, 6);
   EXPECT_EQ(fault_of(bmp(12, 8, 6)), "here.png: a BMP file older than Windows 3");
   EXPECT_EQ(fault_of(bmp(40, static_cast<std::uint32_t>(-8), 6)), "here.png: an image of -8 x 6 pixels");
   EXPECT_EQ(fault_of(bmp(40, 8, 0x80000000)),
@@ -133,7 +133,7 @@ TEST(ImageHeader, ABmpMayBeStoredFromTheTop) {
 }
 
 TEST(ImageHeader, RefusesSizesByTheHeaderAlone) {
-  EXPECT_EQ(header_of(png(8192, 8192)).width, 8192);
+  EXPECT_EQ(image_header_of(png(8192, 8192)).width, 8192);
   EXPECT_EQ(fault_of(png(8192, 8193)), "here.png: an image of 8192 x 8193 pixels, at most 67108864 are allowed");
   EXPECT_EQ(fault_of(png(0xFFFFFFFF, 0xFFFFFFFF)),
             "here.png: an image of 4294967295 x 4294967295 pixels, at most 67108864 are allowed");
@@ -154,7 +154,7 @@ TEST(ImageHeader, RefusesOtherFiles) {
 
 TEST(ImageHeader, EachCutHeaderIsAnError) {
   for (const char* suffix : {".jpg", ".png", ".bmp", ".ppm"}) {
-    const std::string file = encoded(suffix, 40, 30);
+    const std::string file = image_file(suffix, 40, 30);
     bool whole = false;
     for (std::size_t size = 0; size < std::min<std::size_t>(file.size(), 1000); ++size) {
       // In a buffer of its own, so that a sanitizer sees a read beyond it.
@@ -169,19 +169,19 @@ TEST(ImageHeader, EachCutHeaderIsAnError) {
 
 TEST(ImageFault, TellsFilesThatAreCut) {
   for (const char* suffix : {".jpg", ".png"}) {
-    std::string file = encoded(suffix, 200, 100);
+    std::string file = image_file(suffix, 200, 100);
     for (const std::size_t left : {file.size() / 2, file.size() - 12, std::size_t{30}})
-      EXPECT_TRUE(image_fault(bytes_of(file.substr(0, left)))) << suffix << " of " << left << " bytes";
-    EXPECT_EQ(image_fault(bytes_of(file)), std::nullopt);
+      EXPECT_TRUE(image_fault(as_byte_span(file.substr(0, left)))) << suffix << " of " << left << " bytes";
+    EXPECT_EQ(image_fault(as_byte_span(file)), std::nullopt);
   }
-  EXPECT_EQ(image_fault(bytes_of("")), "an empty file");
-  EXPECT_EQ(image_fault(bytes_of("text")), "neither a JPEG, PNG, PNM nor BMP file");
+  EXPECT_EQ(image_fault(as_byte_span("")), "an empty file");
+  EXPECT_EQ(image_fault(as_byte_span("text")), "neither a JPEG, PNG, PNM nor BMP file");
 }
 
 TEST(ImageFault, CamerasPadJpegs) {
-  std::string file = encoded(".jpg", 200, 100);
-  EXPECT_EQ(image_fault(bytes_of(file + std::string(4000, '\0'))), std::nullopt);
-  EXPECT_TRUE(image_fault(bytes_of(file + std::string(5000, '\0'))));
+  std::string file = image_file(".jpg", 200, 100);
+  EXPECT_EQ(image_fault(as_byte_span(file + std::string(4000, '\0'))), std::nullopt);
+  EXPECT_TRUE(image_fault(as_byte_span(file + std::string(5000, '\0'))));
 }
 
 }  // namespace

@@ -20,7 +20,7 @@
 namespace citylearn::testing {
 namespace {
 
-Bytes bytes_of(const std::string& text) {
+Bytes payload(const std::string& text) {
   Bytes bytes(text.size());
   std::memcpy(bytes.data(), text.data(), text.size());
   return bytes;
@@ -46,11 +46,11 @@ class Mcap : public ::testing::Test {
   void write_small(bool close = true, const std::string& profile = "citylearn") const {
     McapWriter writer(path, {"test", {{"run", "demo"}}, 60, 1'000'000'000, profile});
     const auto one = writer.add(kOne);
-    writer.write(one, 100, bytes_of("a"));
-    writer.write(one, 101, bytes_of("bc"));
+    writer.write(one, 100, payload("a"));
+    writer.write(one, 101, payload("bc"));
     const auto two = writer.add(kTwo);
     for (int i = 0; i < 8; ++i)
-      writer.write(i % 2 ? one : two, 102 + static_cast<std::uint64_t>(i), bytes_of("message"));
+      writer.write(i % 2 ? one : two, 102 + static_cast<std::uint64_t>(i), payload("message"));
     close ? writer.close() : writer.flush();
   }
 
@@ -173,10 +173,10 @@ TEST_F(Mcap, WhatWasFlushedIsThereWithoutAnEnd) {
 TEST_F(Mcap, AChunkIsWrittenWhenItIsFullOrOldEnough) {
   McapWriter writer(path, {"test", {}, 1000, 50});
   const auto one = writer.add(kOne);
-  writer.write(one, 100, bytes_of("early"));
+  writer.write(one, 100, payload("early"));
   EXPECT_EQ(writer.waiting_since(), 100u);
   EXPECT_EQ(all_of(path).size(), 0u);
-  writer.write(one, 150, bytes_of("late"));
+  writer.write(one, 150, payload("late"));
   EXPECT_EQ(writer.waiting_since(), 0u);
   EXPECT_EQ(all_of(path).size(), 2u);
   writer.write(one, 151, Bytes(2000));
