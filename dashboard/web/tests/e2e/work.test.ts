@@ -257,9 +257,11 @@ describe('a link', () => {
   it('shows the same step of an episode at the same speed', async () => {
     const { episodes } = await api<{ episodes: Episode[] }>(stage.url, `runs/${idOf('policy')}/episodes?limit=1&evaluation=1&order=worst`);
     const { page } = await stage.page(`deployment?run=${idOf('policy')}&episode=${episodes[0]?.rowid}`);
-    await page.getByRole('slider', { name: 'Step' }).waitFor();
-    await page.keyboard.press('ArrowRight');
-    await page.keyboard.press('ArrowRight');
+    const slider = page.getByRole('slider', { name: 'Step' });
+    for (const step of ['1', '2']) {
+      await slider.press('ArrowRight'); // focuses it first: the page does so a moment after the slider is there
+      await expect.poll(() => slider.inputValue()).toBe(step);
+    }
     await page.getByLabel('Steps per second').selectOption('50');
     await page.waitForFunction(() => /step=2&.*speed=50/.test(location.hash));
     const { page: other } = await stage.page(hashOf(page));
