@@ -120,11 +120,12 @@ void add_run_options(CLI::App& app, CommandLine& line) {
 void add_rank_options(CLI::App& app, PolicyServiceOptions& options) {
   options.rank = -1;  // until --rank is given
   app.option_defaults()->group("Ranks");
-  app.add_option("--rendezvous", options.rendezvous,
-                 "Share the learning with other policy_services, each a rank in a DDS domain of its own: once an "
-                 "update their parameters and Adam's moments are averaged. HOST:PORT where they meet, free on rank "
-                 "0's host. The lowest rank that lives writes checkpoints; each has an --output of its own")
-      ->type_name("HOST:PORT");
+  app.add_option("--ranks-domain", options.ranks_domain,
+                 "Share the learning with other policy_services, each a rank with a --domain or --session of its own: "
+                 "once an update their parameters and Adam's moments are averaged. DDS domain in which the ranks of "
+                 "this training meet, over --interface; --peers of each name the hosts of all. The lowest rank that "
+                 "lives writes checkpoints; each has an --output of its own")
+      ->check(CLI::Range(0, 232));
   app.add_option("--ranks", options.ranks,
                  "How many there are at the start; unless given, as OMPI_COMM_WORLD_SIZE, PMI_SIZE or SLURM_NTASKS "
                  "says")
@@ -138,9 +139,11 @@ void add_rank_options(CLI::App& app, PolicyServiceOptions& options) {
                  "quicker network")
       ->capture_default_str()
       ->check(CLI::IsMember({"update", "step"}));
-  app.add_option("--rendezvous-wait", options.rendezvous_wait, "Seconds until ranks that do not come are an error")
+  app.add_option("--ranks-wait", options.ranks_wait, "Seconds until ranks that do not come are an error")
       ->capture_default_str()
       ->check(at_least(1));
+  app.add_flag("--unprotected-sums", options.unprotected_sums,
+               "Share the learning although --security does not cover the sums, which ranks add over TCP");
 }
 
 /// Adds the parameters of all plug-ins, and of the trainer.

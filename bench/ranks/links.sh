@@ -23,7 +23,9 @@ for ((i = 0; i < ranks; ++i)); do
   ip netns exec "$name-$i" tc qdisc add dev eth0 root tbf rate "$rate" burst 256kb latency 20ms
   ip netns exec "$name" tc qdisc add dev "port$i" root tbf rate "$rate" burst 256kb latency 20ms
 done
+peers=$(for ((i = 1; i <= ranks; ++i)); do echo "10.99.0.$i"; done | paste -sd,)
 for ((i = ranks - 1; i >= 0; --i)); do
-  ip netns exec "$name-$i" "$bench" --share 2477586 --ranks "$ranks" --rank "$i" --rendezvous 10.99.0.1:7500 &
+  ip netns exec "$name-$i" "$bench" --share 2477586 --ranks "$ranks" --rank "$i" \
+    --interface eth0 --peers "$peers" &
 done
 wait

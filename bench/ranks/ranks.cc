@@ -18,7 +18,9 @@ namespace {
 
 struct Options {
   TrainerOptions trainer;
-  std::string dataset = "plain", data, train = "summer", rendezvous = "127.0.0.1:17500";
+  std::string dataset = "plain", data, train = "summer";
+  std::vector<std::string> interfaces = {"lo"}, peers;
+  std::uint32_t domain = 0;
   std::vector<std::string> set;  ///< name=value, of network, learner or trainer
   std::vector<int> ranks = {1, 2, 4};
   std::vector<std::uint64_t> seeds = {1};
@@ -27,13 +29,16 @@ struct Options {
   bool each_step = false;
 };
 
-RosterOptions roster_of(const Options& options, int rank, int ranks) {
-  RosterOptions roster;
-  roster.rank = rank;
-  roster.ranks = ranks;
-  roster.rendezvous = options.rendezvous;
-  roster.identity = "{}";
-  return roster;
+RankOptions rank_options(const Options& options, int rank, int ranks) {
+  RankOptions one;
+  one.rank = rank;
+  one.ranks = ranks;
+  one.node.id = "bench";
+  one.node.middleware.domain = options.domain;
+  one.node.middleware.interfaces = options.interfaces;
+  one.node.middleware.peers = options.peers;
+  one.identity = "{}";
+  return one;
 }
 
 /// Trains with so many ranks, each in a thread, until the mean SPL of the last 100 episodes of all is reached.
@@ -46,7 +51,7 @@ TrainingProgress train(const Options& options, const Traversal& route, int ranks
     trainer_options.threads = 1;
     InprocessTraining training(trainer_options, route, options.frames);
     Trainer& trainer = training.trainer();
-    GlooGroup group(roster_of(options, rank, ranks), nullptr);
+    GlooGroup group(rank_options(options, rank, ranks), nullptr);
     SharedUpdates sharing(group, options.each_step);
     trainer.share_updates(sharing);
     while (!trainer.done() && !(trainer.progress().episodes >= 100 && trainer.progress().spl >= options.spl))
@@ -84,7 +89,7 @@ void measure_learning(const Options& options) {
 /// Shares an agent's parameters and moments again and again as one of several ranks in processes of their own, so that
 /// these may be in network namespaces with slow links.
 void measure_sharing(const Options& options) {
-  GlooGroup group(roster_of(options, options.rank, options.ranks.front()), nullptr);
+  GlooGroup group(rank_options(options, options.rank, options.ranks.front()), nullptr);
   std::vector<float> values(static_cast<std::size_t>(options.share));
   std::vector<double> seconds;
   for (int round = 0; round < 30; ++round) {
@@ -120,7 +125,9 @@ int main(int argc, char** argv) {
   app.add_option("--frames", options.frames, "N")->capture_default_str();
   app.add_option("--spl", options.spl, "mean of the last 100 episodes at which training ends")->capture_default_str();
   app.add_flag("--each-step", options.each_step, "share gradients at each step instead of parameters once an update");
-  app.add_option("--rendezvous", options.rendezvous, "HOST:PORT")->capture_default_str();
+  app.add_option("--domain", options.domain, "DDS domain in which they meet")->capture_default_str();
+  app.add_option("--interface", options.interfaces, "A,B,...")->delimiter(',')->capture_default_str();
+  app.add_option("--peers", options.peers, "hosts of all ranks")->delimiter(',');
   app.add_option("--share", options.share, "be one --rank of --ranks that shares so many numbers, train nothing");
   app.add_option("--rank", options.rank, "with --share");
   return citylearn::bench::run(app, argc, argv, [&] {

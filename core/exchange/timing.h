@@ -83,13 +83,13 @@ inline constexpr auto kReplayPoll = 5ms;        ///< between two looks at whethe
 inline constexpr auto kTopicSearch = 20ms;      ///< between two looks of a recording for new topics
 
 // Ranks.
-inline constexpr auto kRankHeartbeat = 250ms, kRankSilence = 2000ms, kRankSettle = 700ms;
-inline constexpr auto kRankConnect = 300ms, kRankAnswer = 1200ms, kRankHold = 1000ms;  ///< until a hello is given up
-inline constexpr auto kRankProbe = 500ms, kRankSearch = 100ms;  ///< between looks for the other ranks
-inline constexpr auto kRankPrecedence = 1000ms;                 ///< of rank 0 at the rendezvous
-inline constexpr auto kRankStart = 60s;                         ///< for all ranks to come at the start
-inline constexpr auto kRankPaused = 1000ms;                     ///< a turn this long means that the process stood still
-inline constexpr auto kGlooConnect = 400ms, kGlooStore = 2000ms, kGlooReceive = 2000ms;
+inline constexpr auto kRankHeartbeat = 250ms, kRankSilence = 1500ms;
+inline constexpr auto kRankRepeat = 100ms;   ///< between two statuses of a rank that waits for others
+inline constexpr auto kRankSettle = 700ms;   ///< for ranks that lost a coordinator to come to the next one
+inline constexpr auto kRankStart = 60s;      ///< for all ranks to come at the start
+inline constexpr auto kRankPaused = 1000ms;  ///< a turn this long means that the process stood still
+inline constexpr auto kGlooConnect = 300ms;  ///< gloo waits five times as long for all connections of a call
+inline constexpr auto kGlooReceive = 1500ms;
 
 inline constexpr auto kStopCheckInterval =
     50ms;  ///< at most, between two looks of a loop at what is due and whether to stop
@@ -105,8 +105,9 @@ static_assert(2 * kAcknowledge < kSilence && kAcknowledge < kReplayQuiet && kSta
 static_assert(kNextReplyTimeout < kStatsRetry && kStatsDelay < kStatsRetry);
 static_assert(kEncoderSettle >= kHeartbeat && kActorSettle >= kHeartbeat && kEndContestTimeout > kHeartbeat);
 static_assert(kPresentInterval < kClaimRepeat && kClaimRepeat < kSilence);
-static_assert(2 * kRankHeartbeat < kRankSilence && kRankAnswer > kRankHold && kRankPaused < kRankSilence);
-static_assert(5 * kGlooConnect <= kRankSilence);
+static_assert(2 * kRankHeartbeat < kRankSilence && kRankRepeat < kRankHeartbeat && kRankPaused < kRankSilence);
+static_assert(5 * kGlooConnect <= kRankSilence && kGlooReceive <= kRankSilence);
+static_assert(kRankSilence + kRankSettle + 4 * kRankRepeat < 3s, "ranks go on within 3 s without one that is lost");
 static_assert(kStopCheckInterval <= kSettingsResend && kStopCheckInterval <= kObservationResend,
               "loops drive what is resent");
 

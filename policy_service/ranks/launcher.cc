@@ -31,15 +31,18 @@ int number_in(const char* variable) {
 }  // namespace
 
 void number_ranks(PolicyServiceOptions& options) {
-  if (options.rendezvous.empty()) {
+  if (!options.ranks_domain) {
     if (options.rank > 0 || options.ranks > 1)
-      throw Error("needs --rendezvous", options.ranks > 1 ? "--ranks" : "--rank", "say at which HOST:PORT they meet");
+      throw Error("needs --ranks-domain", options.ranks > 1 ? "--ranks" : "--rank", "say in which domain they meet");
     options.rank = 0;
     return;
   }
   if (options.mode != "train" || options.role == "actor")
     throw Error("is for what learns, not for " + (options.mode != "train" ? "--mode " + options.mode : "--role actor"),
-                "--rendezvous");
+                "--ranks-domain");
+  if (!options.node.middleware.security.empty() && !options.unprotected_sums)
+    throw Error("does not cover the sums of ranks, which cross the network in the clear", "--security",
+                "give --unprotected-sums where you trust the network");
   for (const Launcher& launcher : kLaunchers) {
     if (options.rank >= 0 && options.ranks > 0) break;
     if (!std::getenv(launcher.rank)) continue;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -40,11 +42,12 @@ struct PolicyServiceOptions : TrainerOptions {
   bool stay = false;          ///< actor: wait for the next learner when one has ended
 
   // Ranks: learners that share the work (docs/decisions/0021-ranks.md); TrainerOptions::rank is this one's.
-  std::string rendezvous;         ///< HOST:PORT where they meet; empty: there are no others
-  int ranks = 0;                  ///< how many there are; 0: as the launcher's environment says
+  std::optional<std::uint32_t> ranks_domain;  ///< DDS domain in which they meet; none: there are no others
+  int ranks = 0;                              ///< how many there are; 0: as the launcher's environment says
   std::string sync = "update";    ///< "update": parameters are averaged once an update; "step": gradients at each step
   std::vector<int> ranks_before;  ///< how many there were in earlier stretches of a run that is resumed
-  double rendezvous_wait = 60;    ///< seconds until missing ranks are an error
+  double ranks_wait = 60;         ///< seconds until missing ranks are an error
+  bool unprotected_sums = false;  ///< adds over connections without keys though the services have some
 
   // The task.
   int frames = 128;         ///< N

@@ -132,7 +132,7 @@ Json manifest_json(const PolicyServiceOptions& options,
   std::error_code none;
   if (!options.command.empty())
     manifest["command"] = {{"words", options.command}, {"folder", std::filesystem::current_path(none).string()}};
-  if (!options.rendezvous.empty()) {
+  if (options.ranks_domain) {
     manifest["rank"] = options.rank;
     manifest["ranks"] = options.ranks;
     manifest["sync"] = options.sync;

@@ -68,7 +68,7 @@ void TrainingRun::build_trainer() {
   } else if (options.resume) {
     spdlog::info("no checkpoint in {}: starting anew", folder);
   }
-  if (!options.rendezvous.empty()) join_ranks();
+  if (options.ranks_domain) join_ranks();
   const TrainingProgress& progress = trainer_->progress();
   context_.records.open_training_logs(progress.updates, progress.steps, trainer_->parameters());
   if (const BestCheckpoint* best = context_.records.best();
@@ -90,12 +90,13 @@ void TrainingRun::join_ranks() {
   for (const TraversalContents& contents : learned_)
     traversals[contents.traversal] = {{"hash", fmt::format("{:016x}", contents.hash)},
                                       {"encoder", contents.encoder.value_or("")}};
-  RosterOptions roster;
-  roster.rank = options.rank;
-  roster.ranks = options.ranks;
-  roster.rendezvous = options.rendezvous;
-  roster.patience = std::chrono::milliseconds(static_cast<std::int64_t>(1000 * options.rendezvous_wait));
-  roster.identity = nlohmann::json{
+  RankOptions ranks;
+  ranks.rank = options.rank;
+  ranks.ranks = options.ranks;
+  ranks.node = options.node;
+  ranks.node.middleware.domain = *options.ranks_domain;
+  ranks.patience = std::chrono::milliseconds(static_cast<std::int64_t>(1000 * options.ranks_wait));
+  ranks.identity = nlohmann::json{
       {"program", version()},
       {"training", parse_json(trainer_->identity(), "identity")},
       {"traversals", traversals},
@@ -106,12 +107,12 @@ void TrainingRun::join_ranks() {
       {"lockstep", options.lockstep},
       {"sync",
        options.sync}}.dump();
-  ranks_ = std::make_unique<GlooGroup>(roster, [] {
+  ranks_ = std::make_unique<GlooGroup>(ranks, [] {
     if (stop_requested()) throw StopRequested();
   });
   sharing_ = std::make_unique<SharedUpdates>(*ranks_, options.sync == "step");
   context_.node.report(msg::WAITING, "waiting for the other ranks");
-  spdlog::info("rank {} of {} waits for the others at {}", options.rank, options.ranks, options.rendezvous);
+  spdlog::info("rank {} of {} waits for the others in domain {}", options.rank, options.ranks, *options.ranks_domain);
   HeartbeatThread heartbeat(context_.node);
   heartbeat.run([this] {
     trainer_->share_updates(*sharing_);

@@ -9,7 +9,7 @@ import time
 import unittest
 from pathlib import Path
 
-from support import PATIENCE, SOURCE, CommandLine, Scenery, commands, free_ports, own_domain
+from support import PATIENCE, SOURCE, CommandLine, Scenery, commands, own_domain
 
 PAGES = SOURCE / "docs/how-to"
 OURS = {"./run", "env_service", "encoder_service", "policy_service", "dashboard", "compose/keystore"}
@@ -141,12 +141,12 @@ class Recipes(CommandLine):
             self.assertEqual(process.wait(PATIENCE), 0, log.read_text())
 
     def test_ranks_learn_one_agent(self):
-        domains = {"1": str(own_domain()), "2": str(own_domain())}
-        self.hosts["hostA:7500"] = f"127.0.0.1:{free_ports(1)[0]}"
+        domains = {name: str(own_domain()) for name in "123"}
         first, second = self.take("run-on-a-cluster", "policy_service --domain 1", "policy_service --domain 2")
         for number, words in enumerate((first, second)):
-            where = words.index("--domain") + 1
-            words[where] = domains[words[where]]
+            for option in "--ranks-domain", "--domain":
+                where = words.index(option) + 1
+                words[where] = domains[words[where]]
             words[words.index("--output") + 1] = f"out-{number}"
             self.start("env_service", "--domain", words[where], "--synthetic-images", "0")
         other, log = self.start(*second, *SHORT)

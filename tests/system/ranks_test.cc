@@ -5,7 +5,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "policy_service/ranks/message_stream.h"
+#include "core/util/machine.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/episodes_csv.h"
 #include "tests/support/text.h"
@@ -19,13 +19,13 @@ using Strings = std::vector<std::string>;
 /// A rank: its cell, its env_service, its policy_service.
 class Rank {
  public:
-  Rank(const std::string& rendezvous, int rank, int ranks)
-      : rendezvous_(rendezvous), rank_(rank), ranks_(ranks), env_(trial.env("summer")) {}
+  Rank(std::uint32_t meeting, int rank, int ranks)
+      : meeting_(meeting), rank_(rank), ranks_(ranks), env_(trial.env("summer")) {}
 
   /// Starts its policy_service, again too.
   void start(int updates, Arguments more = {}) {
     policy_.reset();
-    more.insert(more.end(), {"--rendezvous", rendezvous_, "--rank", std::to_string(rank_), "--ranks",
+    more.insert(more.end(), {"--ranks-domain", std::to_string(meeting_), "--rank", std::to_string(rank_), "--ranks",
                              std::to_string(ranks_), "--seed", "5"});
     policy_ = trial.train(updates, "out", more);
   }
@@ -42,7 +42,7 @@ class Rank {
   Trial trial{"cyclonedds"};
 
  private:
-  const std::string rendezvous_;
+  const std::uint32_t meeting_;
   const int rank_, ranks_;
   std::unique_ptr<Service> env_, policy_;
 };
@@ -51,7 +51,7 @@ class Rank {
 class Group {
  public:
   explicit Group(int ranks) {
-    for (int rank = 0; rank < ranks; ++rank) ranks_.push_back(std::make_unique<Rank>(rendezvous, rank, ranks));
+    for (int rank = 0; rank < ranks; ++rank) ranks_.push_back(std::make_unique<Rank>(meeting, rank, ranks));
   }
   Rank& operator[](int rank) { return *ranks_.at(static_cast<std::size_t>(rank)); }
   int size() const { return static_cast<int>(ranks_.size()); }
@@ -79,14 +79,9 @@ class Group {
     }
   }
 
-  const std::string rendezvous = free_address();
+  const std::uint32_t meeting = own_domain();
 
  private:
-  static std::string free_address() {
-    RankAddress address{"127.0.0.1", 0};
-    const OwnedSocket socket = listen_at(address);
-    return address.text();
-  }
   std::vector<std::unique_ptr<Rank>> ranks_;
 };
 
@@ -173,21 +168,19 @@ TEST(RanksSystem, GoesOnWithAnotherNumberOfRanks) {
 
 TEST(RanksSystem, WrongRanksAreOneClearLine) {
   Group group(2);
-  const std::string at = group.rendezvous;
+  const std::string at = std::to_string(group.meeting);
   Trial& trial = group[0].trial;
   const WrongInputs cases = {
-      {"out of range", {{"--rendezvous", at, "--ranks", "2", "--rank", "2"}, "--rank: is 2, must be 0 to 1"}},
-      {"below 0", {{"--rendezvous", at, "--ranks", "2", "--rank", "-1"}, "--rank"}},
-      {"no rank", {{"--rendezvous", at, "--ranks", "2"}, "--rank: is missing"}},
-      {"no number of ranks", {{"--rendezvous", at, "--rank", "1"}, "--ranks: is missing"}},
-      {"no rendezvous", {{"--ranks", "2", "--rank", "1"}, "--ranks: needs --rendezvous"}},
-      {"no port", {{"--rendezvous", "localhost", "--ranks", "2", "--rank", "1"}, "is not HOST:PORT"}},
-      {"an evaluation", {{"--mode", "evaluate", "--rendezvous", at}, "--rendezvous: is for what learns"}},
+      {"out of range", {{"--ranks-domain", at, "--ranks", "2", "--rank", "2"}, "--rank: is 2, must be 0 to 1"}},
+      {"below 0", {{"--ranks-domain", at, "--ranks", "2", "--rank", "-1"}, "--rank"}},
+      {"no rank", {{"--ranks-domain", at, "--ranks", "2"}, "--rank: is missing"}},
+      {"no number of ranks", {{"--ranks-domain", at, "--rank", "1"}, "--ranks: is missing"}},
+      {"no domain", {{"--ranks", "2", "--rank", "1"}, "--ranks: needs --ranks-domain"}},
+      {"an evaluation", {{"--mode", "evaluate", "--ranks-domain", at}, "--ranks-domain: is for what learns"}},
+      {"security", {{"--ranks-domain", at, "--ranks", "2", "--rank", "1", "--security", "keys"}, "--unprotected-sums"}},
       {"others that do not come",
-       {{"--rendezvous", at, "--ranks", "2", "--rank", "1", "--rendezvous-wait", "2"},
+       {{"--ranks-domain", at, "--ranks", "2", "--rank", "1", "--ranks-wait", "2"},
         "of 2 ranks, these did not come within 2 s: 0"}},
-      {"a rendezvous where nobody answers",
-       {{"--rendezvous", "127.0.0.2:9", "--ranks", "2", "--rank", "1", "--rendezvous-wait", "2"}, "ranks"}},
   };
   expect_one_clear_line(trial, cases, seconds(12));
   group[0].start(1000000);
@@ -197,10 +190,11 @@ TEST(RanksSystem, WrongRanksAreOneClearLine) {
       << group[1].policy().output();
   group[1].start(1000000, {"--overwrite"});
   ASSERT_TRUE(group[1].reaches(2)) << group[1].policy().output();
-  Rank twin(at, 1, 2);
+  Rank twin(group.meeting, 1, 2);
   twin.start(1000000);
   ASSERT_EQ(twin.policy().wait(seconds(30)), 1) << twin.policy().output();
-  EXPECT_TRUE(contains(twin.policy().output(), "rank 1: a living process, at 127.0.0.1:")) << twin.policy().output();
+  EXPECT_TRUE(contains(twin.policy().output(), "rank 1: a living process, on " + host_name() + ","))
+      << twin.policy().output();
 }
 
 }  // namespace

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ranks over TCP and gloo on loopback, each in a thread; a rank is killed by closing all that it has open.
+// Ranks over DDS and gloo on loopback, each in a thread; a rank is killed by closing all that it has open.
 #include "policy_service/ranks/gloo_group.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <map>
 #include <mutex>
 #include <thread>
 
-#include "core/util/error.h"
+#include "core/util/machine.h"
+#include "core/wire/node.h"
 #include "policy_service/ranks/shared_updates.h"
+#include "tests/support/processes/domain.h"
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 
@@ -23,13 +24,6 @@ struct Killed {};
 /// The place where a rank is killed next.
 enum Place { kNowhere, kAnywhere, kBeforeMeeting, kBeforeSum, kBeforeVote, kWhileVoting };
 
-/// Returns an address at which nobody listens.
-std::string free_address() {
-  RankAddress address{"127.0.0.1", 0};
-  const OwnedSocket socket = listen_at(address);
-  return address.text();
-}
-
 bool poll(const std::function<bool()>& condition, milliseconds patience) {
   return eventually([] { std::this_thread::yield(); }, condition, patience * kSlowness);
 }
@@ -37,7 +31,7 @@ bool poll(const std::function<bool()>& condition, milliseconds patience) {
 /// A group whose owner may die at given places.
 class Mortal : public RankGroup {
  public:
-  Mortal(const RosterOptions& options, std::atomic<int>& death)
+  Mortal(const RankOptions& options, std::atomic<int>& death)
       : death_(death), group_(options, [this] { die(voting_ ? kWhileVoting : kAnywhere); }) {}
   RankMeeting meet(const RankArrival& arrival) override {
     voting_ = false;
@@ -77,7 +71,7 @@ struct Record {
 /// One rank that learns: each update is one step, and moves its parameters by its number.
 class Rank {
  public:
-  Rank(Record& record, RosterOptions options)
+  Rank(Record& record, RankOptions options)
       : record_(record), options_(std::move(options)), thread_([this] { run(); }) {}
   ~Rank() {
     death = kAnywhere;
@@ -133,23 +127,24 @@ class Rank {
   }
 
   Record& record_;
-  const RosterOptions options_;
+  const RankOptions options_;
   std::thread thread_;
 };
 
 class Ranks : public ::testing::Test {
  protected:
-  RosterOptions options(int rank, int ranks) const {
-    RosterOptions options;
+  RankOptions options(int rank, int ranks) const {
+    RankOptions options;
     options.rank = rank;
     options.ranks = ranks;
-    options.rendezvous = address_;
+    options.node.id = "policy";
+    options.node.middleware.domain = domain_;
     options.identity = R"({"training": {"trainer": {"steps": 4096}}, "lockstep": false})";
     return options;
   }
   std::unique_ptr<Rank> start(int rank, int ranks) { return std::make_unique<Rank>(record_, options(rank, ranks)); }
 
-  const std::string address_ = free_address();
+  const std::uint32_t domain_ = own_domain();
   Record record_;
 };
 
@@ -188,13 +183,13 @@ TEST_F(Ranks, GoOnWithinThreeSecondsWithoutAKilledOneWhichComesBack) {
 
 TEST_F(Ranks, RefuseWhatDoesNotFitByName) {
   const auto zero = start(0, 3), one = start(1, 3);
-  const auto refused = [&](RosterOptions options, const std::string& why) {
+  const auto refused = [&](RankOptions options, const std::string& why) {
     Rank rank(record_, std::move(options));
     rank.wait();
     EXPECT_TRUE(contains(rank.error, why)) << rank.error;
   };
   ASSERT_TRUE(poll([&] { return !zero->over && !one->over; }, seconds(5)));
-  RosterOptions other = options(2, 3);
+  RankOptions other = options(2, 3);
   other.identity = R"({"training": {"trainer": {"steps": 8192}}, "lockstep": false})";
   refused(other, "rank 2: training.trainer.steps is 8192, that of the others 4096");
   other.identity = R"({"training": {"trainer": {"steps": 4096}}, "lockstep": true})";
@@ -202,41 +197,50 @@ TEST_F(Ranks, RefuseWhatDoesNotFitByName) {
   refused(options(2, 4), "rank 2: --ranks is 4, that of the others 3");
   const auto two = start(2, 3);
   ASSERT_TRUE(two->reaches(3)) << two->error;
-  refused(options(1, 3), "rank 1: a living process, at 127.0.0.1:");
-  refused(options(2, 3), "rank 2: a living process, at 127.0.0.1:");
+  refused(options(1, 3), "rank 1: a living process, on " + host_name() + ", has this rank");
+  refused(options(2, 3), "rank 2: a living process, on " + host_name() + ", has this rank");
   ASSERT_TRUE(zero->reaches(zero->updates + 3)) << zero->error;
 }
 
 TEST_F(Ranks, DoNotWaitForeverForOthers) {
-  RosterOptions alone = options(1, 2);
+  RankOptions alone = options(1, 2);
   alone.patience = milliseconds(1500);
   Rank rank(record_, alone);
   rank.wait();
   EXPECT_TRUE(contains(rank.error, "of 2 ranks, these did not come within 1 s: 0")) << rank.error;
-  alone.rendezvous = "192.0.2.1:2000";  // of a documentation network: nobody is there
-  Rank far(record_, alone);
-  far.wait();
-  EXPECT_FALSE(far.error.empty());
-  RankAddress address{"127.0.0.1", 0};
-  const OwnedSocket listener = listen_at(address);
-  std::jthread web([&](const std::stop_token& stop) {
-    std::vector<OwnedSocket> visitors;
-    while (!stop.stop_requested())
-      if (OwnedSocket visitor = accept_from(listener)) {
-        (void)!::write(visitor.get(), "HTTP/1.1 400 Bad Request\r\n\r\n", 28);
-        visitors.push_back(std::move(visitor));
-      }
-  });
-  alone.rendezvous = address.text();
-  Rank lost(record_, alone);
-  lost.wait();
-  EXPECT_TRUE(contains(lost.error, "is not a rank")) << lost.error;
 }
 
-TEST(RankAddress, IsAHostWithAPort) {
-  EXPECT_EQ(parse_rank_address("localhost:7000", "--rendezvous"), (RankAddress{"127.0.0.1", 7000}));
-  for (const char* wrong : {"localhost", ":7000", "localhost:", "localhost:0", "localhost:65536", "localhost:7x"})
-    EXPECT_TRUE(contains(error_of([&] { parse_rank_address(wrong, "--rendezvous"); }), "is not HOST:PORT")) << wrong;
+TEST_F(Ranks, GoOnWhateverStrangersSay) {
+  const auto zero = start(0, 2), one = start(1, 2);
+  ASSERT_TRUE(zero->reaches(2)) << zero->error;
+  NodeOptions options;
+  options.service = "stranger";
+  options.session = "ranks";
+  options.id = "rank-1";
+  options.middleware.domain = domain_;
+  Node stranger(options);
+  stranger.create_reader<msg::RankStatus>();
+  msg::RankStatus heard;
+  for (std::uint32_t rank : {0u, 1u, 7u, 4000000000u}) {
+    ASSERT_TRUE(
+        poll([&] { return stranger.wait(Clock::now() + milliseconds(50)) && stranger.take(heard); }, seconds(20)));
+    msg::RankStatus claim = heard;
+    claim.rank(rank);
+    if (rank > 1) claim.ranks(4000000000u);
+    claim.coordinator(stranger.incarnation());
+    claim.history(1);
+    claim.call(1);
+    claim.call_number(1000000);
+    claim.members().assign(msg::MAX_RANKS, heard.header().incarnation());
+    claim.member_rank().assign(msg::MAX_RANKS, 0);
+    claim.member_updates().assign(msg::MAX_RANKS, 1000000);
+    claim.newcomer().assign(msg::MAX_RANKS, 0);
+    claim.hears().assign(msg::MAX_RANKS, heard.header().incarnation());
+    for (int again = 0; again < 20; ++again) stranger.publish(claim);
+    const std::uint64_t before = one->updates;
+    ASSERT_TRUE(one->reaches(before + 20, seconds(3))) << one->error << zero->error;
+    EXPECT_EQ(one->members, 2);
+  }
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ std::string numbered(const std::map<std::string, std::string>& environment, int 
   for (const std::string& name : all) ::unsetenv(name.c_str());
   for (const auto& [name, value] : environment) ::setenv(name.c_str(), value.c_str(), 1);
   PolicyServiceOptions options;
-  options.rendezvous = "localhost:7000";
+  options.ranks_domain = 7;
   options.rank = rank;
   options.ranks = ranks;
   const std::string problem = error_of([&] { number_ranks(options); });
@@ -49,6 +49,14 @@ TEST(Launcher, SaysWhatIsWrong) {
   EXPECT_TRUE(contains(numbered({}), "--rank: is missing"));
   EXPECT_TRUE(contains(numbered({}, 2, 2), "--rank: is 2, must be 0 to 1"));
   EXPECT_TRUE(contains(numbered({{"PMI_RANK", "x"}, {"PMI_SIZE", "2"}}), "PMI_RANK: 'x' is not a number"));
+  PolicyServiceOptions secured;
+  secured.ranks_domain = 7;
+  secured.rank = 0;
+  secured.ranks = 2;
+  secured.node.middleware.security = "keys";
+  EXPECT_TRUE(contains(error_of([&] { number_ranks(secured); }), "--security: does not cover the sums"));
+  secured.unprotected_sums = true;
+  EXPECT_EQ(error_of([&] { number_ranks(secured); }), "");
 }
 
 }  // namespace
