@@ -167,11 +167,16 @@ class Hosts {
     shell("ip netns exec " + bridges() + " nft -f - <<'END'\n" + rules + "}\n}\nEND");
   }
 
-  static void clear(const std::string& prefix) {
+  /// Returns the namespaces whose names begin so. They are listed first: deleting while listing skips some.
+  static std::vector<std::string> namespaces(const std::string& prefix) {
+    std::vector<std::string> names;
     std::error_code none;
-    for (const auto& entry : std::filesystem::directory_iterator("/run/netns", none)) {
-      const std::string name = entry.path().filename();
-      if (!name.starts_with(prefix)) continue;
+    for (const auto& entry : std::filesystem::directory_iterator("/run/netns", none))
+      if (const std::string name = entry.path().filename(); name.starts_with(prefix)) names.push_back(name);
+    return names;
+  }
+  static void clear(const std::string& prefix) {
+    for (const std::string& name : namespaces(prefix)) {
       // What a killed test left running there would keep the namespace alive.
       const std::string script = "for p in $(ip netns pids " + name + "); do kill -9 $p; done; ip netns del " + name;
       try {
@@ -182,12 +187,8 @@ class Hosts {
     }
   }
   static void clear_leftovers() {
-    std::error_code none;
-    for (const auto& entry : std::filesystem::directory_iterator("/run/netns", none)) {
-      const std::string name = entry.path().filename();
-      if (!name.starts_with(kPrefix)) continue;
-      const std::string rest = name.substr(std::string(kPrefix).size());
-      const int process = std::atoi(rest.c_str());
+    for (const std::string& name : namespaces(kPrefix)) {
+      const int process = std::atoi(name.c_str() + std::string_view(kPrefix).size());
       if (process > 0 && ::kill(process, 0) != 0 && errno == ESRCH) clear(kPrefix + std::to_string(process) + "-");
     }
   }
