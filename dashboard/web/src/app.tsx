@@ -105,17 +105,11 @@ function Side({ page }: { page: PageName }): JSX.Element {
           <a key={name} class="row" href={hrefOf(name)} aria-current={name === page ? 'page' : undefined}>
             <Icon name={name as IconName} />
             <span>{TITLES[name]}</span>
-            {name === 'overview' && lostServices.value > 0 && (
-              <span class="badge" title={`${lostServices.value} lost or failed`}>
-                {lostServices.value}
-                <span class="visually-hidden"> lost or failed</span>
-              </span>
-            )}
-            {name === 'overview' && alarmedServices.value > 0 && (
-              <span class="alarm-badge" title={plural(alarmedServices.value, 'alarm')}>
-                {alarmedServices.value}
-                <span class="visually-hidden">{alarmedServices.value === 1 ? ' alarm' : ' alarms'}</span>
-              </span>
+            {name === 'overview' && (
+              <>
+                <Badge class="badge" count={lostServices.value} what="lost or failed" />
+                <Badge class="alarm-badge" count={alarmedServices.value} what={alarmedServices.value === 1 ? 'alarm' : 'alarms'} />
+              </>
             )}
           </a>
         ))}
@@ -130,6 +124,16 @@ function Side({ page }: { page: PageName }): JSX.Element {
         )}
       </div>
     </header>
+  );
+}
+
+function Badge({ class: name, count, what }: { class: string; count: number; what: string }): JSX.Element | null {
+  if (count === 0) return null;
+  return (
+    <span class={name} title={`${count} ${what}`}>
+      {count}
+      <span class="visually-hidden"> {what}</span>
+    </span>
   );
 }
 

@@ -19,15 +19,12 @@ export const unauthorised = signal(false);
 // Kept in memory only: a reload asks again, unless there is the cookie of /login.
 let token: string | null = null;
 
-function headers(): HeadersInit {
-  return token === null ? {} : { Authorization: `Bearer ${token}` };
-}
-
 /** Fetches `path`. Throws ApiError unless the server answers with success. */
 export async function request(path: string, init: RequestInit = {}): Promise<Response> {
   let response: Response;
   try {
-    response = await fetch(path, { ...init, headers: headers(), credentials: 'same-origin' });
+    const headers = token === null ? {} : { Authorization: `Bearer ${token}` };
+    response = await fetch(path, { ...init, headers, credentials: 'same-origin' });
   } catch (error) {
     if (error instanceof DOMException && error.name === 'AbortError') throw error;
     throw new ApiError(0, 'The dashboard does not answer.');

@@ -79,13 +79,7 @@ export interface Recognition {
 }
 
 /** Precision over recall of one row of a Recognition. */
-export interface RecognitionCurve {
-  encoder: string;
-  dimension: number;
-  centring: string;
-  method: string;
-  query: string;
-  auc: number;
+export interface RecognitionCurve extends Pick<RecognitionRow, 'encoder' | 'dimension' | 'centring' | 'method' | 'query' | 'auc'> {
   recall: number[];
   precision: number[];
 }

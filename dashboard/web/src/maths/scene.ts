@@ -10,7 +10,7 @@ function modeName(mode: string | number): string {
   return MODES[name] ?? name;
 }
 
-type Recorded = { traversal: string; hash: string | null };
+export type Recorded = { traversal: string; hash: string | null };
 /** Returns whether both are on one traversal. Two of equal contents have one hash. */
 export const sameTraversal = (a: Recorded, b: Recorded): boolean => a.traversal === b.traversal && a.hash === b.hash;
 

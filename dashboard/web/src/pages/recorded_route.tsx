@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { JSX } from 'preact';
+import type { ComponentChildren, JSX } from 'preact';
 import { useMemo } from 'preact/hooks';
-import type { Episode, EpisodeDetail, Run, RunDetail, RunTraversal, TraversalMap } from '../api/types';
+import type { Episode, Run, RunDetail, RunTraversal, TraversalMap } from '../api/types';
 import { linesOf } from '../maths/curves';
 import { evaluationName } from '../maths/evaluations';
 import { integer, threeDecimals } from '../maths/format';
@@ -17,7 +17,7 @@ import { MomentBar } from '../ui/moment_bar';
 import { Pictures } from '../ui/picture';
 import { RouteMap } from '../ui/route_map';
 import { TableCard, text, type Column } from '../ui/table';
-import { describe, NotKept, OUTCOME, Player, TASK } from './replay';
+import { EpisodeCard, OUTCOME, TASK } from './replay';
 
 interface RecordedProps {
   run: Run;
@@ -40,14 +40,11 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
   const rowid = asked > 0 ? asked : (list[0]?.rowid ?? 0);
   return (
     <>
-      <div class="wrap card">
+      <MomentOf run={run} seen={seen} clear={run.state === 'running' ? 'Back to live' : 'Back to the end'}>
         <Choice of={kinds} />
-        <Choice of={{ ...AXIS, also: (axis) => moved(seen, axis) }} />
-      </div>
-      <MomentBar run={run} seen={seen} clear={run.state === 'running' ? 'Back to live' : 'Back to the end'} />
-      <MomentCurve run={run} seen={seen} />
+      </MomentOf>
       {rowid > 0 ? (
-        <Walk key={rowid} rowid={rowid} detail={detail} whole={whole} />
+        <EpisodeCard key={rowid} rowid={rowid} title={(one) => (one ? `Route: ${one.traversal}` : 'Route')} run={detail} whole={whole} />
       ) : (
         <Card title={`Route: ${traversal.traversal}`} hint={`${integer(traversal.frames)} frames`}>
           <Show of={episodes} lines={6}>
@@ -70,13 +67,18 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
 
 /** The moment of a run in an open recording, above what the recording shows of it. */
 export function RecordingMoment({ run }: { run: Run }): JSX.Element {
-  const seen = useMoment(run, true);
+  return <MomentOf run={run} seen={useMoment(run, true)} clear="" />;
+}
+
+/** The cursor of a run: its axis, beside other choices, and what it stands on. */
+function MomentOf({ run, seen, clear, children }: { run: Run; seen: Seen; clear: string; children?: ComponentChildren }): JSX.Element {
   return (
     <>
       <div class="wrap card">
+        {children}
         <Choice of={{ ...AXIS, also: (axis) => moved(seen, axis) }} />
       </div>
-      <MomentBar run={run} seen={seen} clear="" />
+      <MomentBar run={run} seen={seen} clear={clear} />
       <MomentCurve run={run} seen={seen} />
     </>
   );
@@ -115,25 +117,6 @@ function MomentCurve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX
         empty={training?.state === 'failed' ? training.error : 'No values yet'}
       />
     </div>
-  );
-}
-
-/** One episode on the map. */
-function Walk({ rowid, detail, whole }: { rowid: number; detail: RunDetail; whole: boolean }): JSX.Element {
-  const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
-  const shown = valueOf(episode);
-  return (
-    <Card title={shown ? `Route: ${shown.traversal}` : 'Route'} hint={shown ? describe(shown) : undefined}>
-      <Show of={episode} lines={8}>
-        {(one) =>
-          one.positions?.length ? (
-            <Player episode={one} positions={one.positions} run={detail} whole={whole} />
-          ) : (
-            <NotKept />
-          )
-        }
-      </Show>
-    </Card>
   );
 }
 

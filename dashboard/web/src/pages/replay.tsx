@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { JSX } from 'preact';
+import type { ComponentChildren, JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import type { Episode, EpisodeDetail, RunDetail, TraversalMap } from '../api/types';
 import type { Line } from '../maths/curves';
@@ -11,23 +11,23 @@ import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, IconButton, Select, Show, toneOf } from '../ui/basics';
 import { Chart } from '../ui/chart';
-import { Pictures, SiblingSelect } from '../ui/picture';
+import { Pictures, SiblingSelect, siblingsOf } from '../ui/picture';
 import { RouteLegend, RouteMap } from '../ui/route_map';
 import { figure, text, type Column } from '../ui/table';
 
 /** Plays one recorded episode step by step. One that somebody has chosen is `focused`. */
 export function Replay({ rowid, detail, focused }: { rowid: number; detail: Resource<RunDetail>; focused: boolean }): JSX.Element {
-  const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
-  const shown = valueOf(episode);
   const room = useRef<HTMLDivElement>(null);
   useEffect(() => {
     if (focused) room.current?.scrollIntoView({ block: 'start' });
   }, []);
   return (
     <div ref={room} id="replay">
-      <Card
-        title={`Replay of episode ${rowid}`}
-        hint={shown ? describe(shown) : undefined}
+      <EpisodeCard
+        rowid={rowid}
+        title={() => `Replay of episode ${rowid}`}
+        run={valueOf(detail)}
+        focused={focused}
         actions={
           focused && (
             <button type="button" onClick={() => setParams({ episode: null, step: null })}>
@@ -35,31 +35,44 @@ export function Replay({ rowid, detail, focused }: { rowid: number; detail: Reso
             </button>
           )
         }
-      >
-        <Show of={episode} lines={6}>
-          {(one) =>
-            one.positions && one.positions.length > 0 ? (
-              <Player episode={one} positions={one.positions} run={valueOf(detail)} focused={focused} />
-            ) : (
-              <NotKept />
-            )
-          }
-        </Show>
-      </Card>
+      />
     </div>
   );
 }
 
-/** Stands for an episode whose path is not known. */
-export function NotKept(): JSX.Element {
+interface Playing {
+  run: RunDetail | null;
+  whole?: boolean;
+  /** The keys steer it at once. */
+  focused?: boolean;
+}
+
+/** Shows a recorded episode on the map. `title` is given the episode once it is there. */
+export function EpisodeCard({ rowid, title, actions, ...playing }: Playing & {
+  rowid: number;
+  title: (one: EpisodeDetail | null) => string;
+  actions?: ComponentChildren;
+}): JSX.Element {
+  const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
+  const shown = valueOf(episode);
   return (
-    <Empty title="The actions of this episode were not recorded">
-      It has more steps than fit into one message, or the agent slipped or was carried elsewhere, so only its figures were recorded.
-    </Empty>
+    <Card title={title(shown)} hint={shown ? describe(shown) : undefined} actions={actions}>
+      <Show of={episode} lines={6}>
+        {(one) =>
+          one.positions?.length ? (
+            <Player episode={one} positions={one.positions} {...playing} />
+          ) : (
+            <Empty title="The actions of this episode were not recorded">
+              It has more steps than fit into one message, or the agent slipped or was carried elsewhere, so only its figures were recorded.
+            </Empty>
+          )
+        }
+      </Show>
+    </Card>
   );
 }
 
-export function describe(one: EpisodeDetail): string {
+function describe(one: EpisodeDetail): string {
   const what = one.evaluation ? `task ${one.task}` : 'training';
   const end = one.completed ? `goal reached in ${one.steps} steps, shortest ${one.shortest}` : `goal missed in ${one.steps} steps`;
   return `${evaluationName(one)} on ${one.traversal}, ${what} · ${end} · SPL ${fixed(one.spl, 3)}`;
@@ -81,13 +94,9 @@ export const TASK: Column<Episode>[] = [figure('start', 'Start', integer), figur
 const SPEEDS = ['2', '5', '10', '20', '50'] as const;
 
 /** Plays an episode on the map, with the pictures of the places. */
-export function Player({ episode, positions, run, whole = false, focused = false }: {
+function Player({ episode, positions, run, whole = false, focused = false }: Playing & {
   episode: EpisodeDetail;
   positions: readonly number[];
-  run: RunDetail | null;
-  whole?: boolean;
-  /** The keys steer it at once. */
-  focused?: boolean;
 }): JSX.Element {
   const last = positions.length - 1;
   const [step, setStep] = useState(() => Math.min(Math.max(Math.round(Number(param('step', '0')) || 0), 0), last));
@@ -119,8 +128,7 @@ export function Player({ episode, positions, run, whole = false, focused = false
     setStep(to ?? 0);
   };
   const own = run?.traversals.find((one) => sameTraversal(one, episode));
-  const siblings = (run?.traversals ?? []).filter((one) => !sameTraversal(one, episode) && one.images);
-  const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
+  const [siblings, sibling] = siblingsOf(run?.traversals ?? [], episode);
   const map = useJson<TraversalMap>(episode.hash === null ? null : `api/map/${episode.hash}`);
   const least = Math.min(...positions, episode.goal);
   const most = Math.max(...positions, episode.goal);

@@ -7,7 +7,7 @@ import { live } from '../api/live';
 import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
 import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
-import { routePart, sameTraversal, sceneText } from '../maths/scene';
+import { routePart, sceneText } from '../maths/scene';
 import { idle, Trails, type Trail } from '../maths/trail';
 import { cursorAt } from '../state/cursor';
 import { playback, playing } from '../state/playback';
@@ -18,7 +18,7 @@ import { seriesColour } from '../state/theme';
 import { Card, Empty, Select, Show, Swatch, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Choice, chosen, type ChoiceOf } from '../ui/choice';
-import { Pictures, SiblingSelect } from '../ui/picture';
+import { Pictures, SiblingSelect, siblingsOf } from '../ui/picture';
 import { RouteLegend, RouteMap, type Walker } from '../ui/route_map';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { TableCard, text, type Column } from '../ui/table';
@@ -184,8 +184,7 @@ function Eyes({ source, traversal, all, agent, frame }: {
   agent: number;
   frame: number | null;
 }): JSX.Element {
-  const siblings = all.filter((one) => !sameTraversal(one, traversal) && one.images);
-  const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
+  const [siblings, sibling] = siblingsOf(all, traversal);
   return (
     <Card
       title={`What agent ${agent} sees`}

@@ -25,15 +25,9 @@ export const beginnings = signal(0);
 /** The time, milliseconds since 1970, updated once a second. */
 export const now = signal(Date.now());
 
-export const lostServices = computed(() =>
-  services.value.state === 'ready'
-    ? services.value.value.services.filter((service) => service.state === 'lost' || service.state === 'failed').length
-    : 0,
-);
-
-export const alarmedServices = computed(() =>
-  services.value.state === 'ready' ? services.value.value.services.filter((service) => service.alarm).length : 0,
-);
+const known = computed(() => valueOf(services.value)?.services ?? []);
+export const lostServices = computed(() => known.value.filter(({ state }) => state === 'lost' || state === 'failed').length);
+export const alarmedServices = computed(() => known.value.filter((service) => service.alarm).length);
 
 const MAX_EVENTS = 500;
 
@@ -79,8 +73,7 @@ export function start(): void {
     runs.value = { state: 'ready', value: jsonPayload<{ runs: Run[] }>(frame).runs };
   });
   live.watch('events', (frame) => {
-    const old = events.value.state === 'ready' ? events.value.value : [];
-    events.value = { state: 'ready', value: [jsonPayload<ServiceEvent>(frame), ...old].slice(0, MAX_EVENTS) };
+    events.value = { state: 'ready', value: [jsonPayload<ServiceEvent>(frame), ...(valueOf(events.value) ?? [])].slice(0, MAX_EVENTS) };
   });
   effect(() => heedRuns(valueOf(runs.value) ?? []));
   live.onBack(reload);

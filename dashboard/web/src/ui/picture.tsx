@@ -4,9 +4,10 @@ import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import { ApiError, request } from '../api/client';
 import { live } from '../api/live';
 import type { RunTraversal } from '../api/types';
+import { sameTraversal, type Recorded } from '../maths/scene';
 import { PicturePair, type Picture, type Shown, type Sight } from '../state/picture_pair';
 import { patiently } from '../state/resource';
-import { setParams } from '../state/router';
+import { param, setParams } from '../state/router';
 import { Select } from './basics';
 import { useVisible } from './use';
 
@@ -146,6 +147,12 @@ export function Pictures({ on, name, alt, frame, topic, sibling, waiting = 'Wait
       )}
     </div>
   );
+}
+
+/** Returns the other traversals that have pictures, and the one of them that the address names, else the first. */
+export function siblingsOf(all: readonly RunTraversal[], own: Recorded): [readonly RunTraversal[], RunTraversal | undefined] {
+  const others = all.filter((one) => !sameTraversal(one, own) && one.images);
+  return [others, others.find((one) => one.traversal === param('sibling', '')) ?? others[0]];
 }
 
 /** Chooses the traversal on which the same place is shown. Shows nothing unless there are several. */

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+import { signal } from '@preact/signals';
 import type { RefObject } from 'preact';
 import { useEffect, useRef, useState } from 'preact/hooks';
 
@@ -20,10 +21,12 @@ export function useSize<T extends Element>(): [RefObject<T>, { width: number; he
   return [ref, size];
 }
 
+const inFront = signal(!document.hidden);
+document.addEventListener('visibilitychange', () => (inFront.value = !document.hidden));
+
 /** Whether an element is on the screen: false too while the page is in the background. */
 export function useVisible<T extends Element>(ref: RefObject<T>): boolean {
   const [there, setThere] = useState(false);
-  const [front, setFront] = useState(!document.hidden);
   useEffect(() => {
     const element = ref.current;
     if (!element) return undefined;
@@ -33,10 +36,5 @@ export function useVisible<T extends Element>(ref: RefObject<T>): boolean {
     observer.observe(element);
     return () => observer.disconnect();
   }, []);
-  useEffect(() => {
-    const change = (): void => setFront(!document.hidden);
-    document.addEventListener('visibilitychange', change);
-    return () => document.removeEventListener('visibilitychange', change);
-  }, []);
-  return there && front;
+  return there && inFront.value;
 }
