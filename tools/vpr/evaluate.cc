@@ -215,42 +215,47 @@ class Evaluation {
         for (std::size_t i = 0; i < queries_.size(); ++i) {
           const Clock::time_point began = Clock::now();
           const Eigen::MatrixXf query = reduce([i](const Part& part) -> auto& { return part.queries[i]; });
+          double encoding = 0;
+          for (const Part& part : parts) encoding += part.reference.seconds + part.queries[i].seconds;
           Row row;
-          row.encoder = label;
-          row.name = name;
-          row.dimension = static_cast<int>(reduced.rows());
-          row.reduced = dimension > 0;
-          row.centring = centring;
-          row.whitening = dimension > 0 ? options_.whitening : 0;
-          for (const Part& part : parts) row.encode_seconds += part.reference.seconds + part.queries[i].seconds;
-          row.seconds = learning + seconds_since(began);
-          for (const lab::Method& method : methods_) run_method(row, method, reduced, query, i);
+          row.facts = {
+              {"encoder", label},     {"name", name},         {"dimension", reduced.rows()},
+              {"pca", dimension > 0}, {"centring", centring}, {"whitening", dimension > 0 ? options_.whitening : 0.0}};
+          const double reducing = learning + seconds_since(began);
+          for (const lab::Method& method : methods_) run_method(row, encoding, reducing, method, reduced, query, i);
         }
       }
   }
 
-  void run_method(Row row, const lab::Method& method, const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query,
-                  std::size_t index) {
+  void run_method(Row row, double encoding, double reducing, const lab::Method& method,
+                  const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query, std::size_t index) {
     const Clock::time_point start = Clock::now();
     const lab::Method::Result result = method.run(reference, query, truths_[index], options_.matching);
-    row.seconds += seconds_since(start);
+    const double seconds = reducing + seconds_since(start);
     const Answers& found = result.answers;
-    row.method = method.name();
-    row.query = queries_[index].name;
-    row.condition = queries_[index].condition;
-    row.references = static_cast<int>(reference.cols());
-    row.queries = found.queries();
-    row.tolerance = options_.radius > 0 ? 0 : options_.tolerance;
-    row.radius = options_.radius;
-    row.recall_1 = recall_at(found, 1);
-    row.recall_5 = recall_at(found, 5);
-    row.recall_10 = recall_at(found, 10);
-    row.recall_20 = recall_at(found, 20);
     const auto answerable = static_cast<double>(std::count(found.answerable.begin(), found.answerable.end(), true));
-    row.recall_1_interval = wilson_interval(row.recall_1 * answerable, answerable);
+    const Interval recall = wilson_interval(recall_at(found, 1) * answerable, answerable);
+    const Interval auc = auc_interval(found, options_.matching.seed);
     row.curve = precision_recall(found);
     row.roc = roc(found);
-    row.auc_interval = auc_interval(found, options_.matching.seed);
+    row.facts.update({{"method", method.name()},
+                      {"query", queries_[index].name},
+                      {"condition", queries_[index].condition},
+                      {"references", reference.cols()},
+                      {"queries", found.queries()},
+                      {"tolerance", options_.radius > 0 ? 0 : options_.tolerance},
+                      {"radius", options_.radius},
+                      {"recall_1", recall_at(found, 1)},
+                      {"recall_1_interval", {recall.low, recall.high}},
+                      {"recall_5", recall_at(found, 5)},
+                      {"recall_10", recall_at(found, 10)},
+                      {"recall_20", recall_at(found, 20)},
+                      {"auc", row.curve.auc},
+                      {"auc_interval", {auc.low, auc.high}},
+                      {"recall_at_full_precision", row.curve.recall_at_full_precision},
+                      {"roc_auc", row.roc.auc},
+                      {"encode_seconds", encoding},
+                      {"seconds", seconds}});
     if (stop_requested()) throw lab::Stopped{};
     if (options_.pictures)
       write_file(options_.output + "/similarity-" + slug_of(row) + ".png", matrix_png(result.similarity));
@@ -258,8 +263,7 @@ class Evaluation {
       row.matches = "matches-" + slug_of(row) + ".jpg";
       write_file(options_.output + "/" + row.matches, matches_jpeg(reference_, queries_[index], found, truths_[index]));
     }
-    spdlog::info("{} {} {} {} {}: recall@1 {:.3f}, AUC {:.3f}", row.encoder, row.dimension, row.centring, row.method,
-                 row.query, row.recall_1, row.curve.auc);
+    spdlog::info("{}: recall@1 {:.3f}, AUC {:.3f}", slug_of(row), row.facts["recall_1"].get<double>(), row.curve.auc);
     rows_.push_back(std::move(row));
     write_file(options_.output + "/results.csv", results_csv(rows_));
     write_file(options_.output + "/results.json", results_json(options_, rows_));

@@ -5,7 +5,6 @@
 #include <cctype>
 #include <cmath>
 #include <cstdio>
-#include <nlohmann/json.hpp>
 
 #include "core/files/csv.h"
 #include "core/util/version.h"
@@ -20,38 +19,6 @@ std::string number(double value, const char* format = "%.6g") {
   char text[32];
   std::snprintf(text, sizeof(text), format, value);
   return text;
-}
-
-std::string share(double value) { return number(value, "%.3f"); }
-
-std::string interval(const Interval& interval) { return share(interval.low) + "-" + share(interval.high); }
-
-/// Returns a row as JSON, where NaN becomes null.
-Json json_of(const Row& row) {
-  return {{"encoder", row.encoder},
-          {"name", row.name},
-          {"dimension", row.dimension},
-          {"pca", row.reduced},
-          {"centring", row.centring},
-          {"whitening", row.whitening},
-          {"method", row.method},
-          {"query", row.query},
-          {"condition", row.condition},
-          {"references", row.references},
-          {"queries", row.queries},
-          {"tolerance", row.tolerance},
-          {"radius", row.radius},
-          {"recall_1", row.recall_1},
-          {"recall_1_interval", {row.recall_1_interval.low, row.recall_1_interval.high}},
-          {"recall_5", row.recall_5},
-          {"recall_10", row.recall_10},
-          {"recall_20", row.recall_20},
-          {"auc", row.curve.auc},
-          {"auc_interval", {row.auc_interval.low, row.auc_interval.high}},
-          {"recall_at_full_precision", row.curve.recall_at_full_precision},
-          {"roc_auc", row.roc.auc},
-          {"encode_seconds", row.encode_seconds},
-          {"seconds", row.seconds}};
 }
 
 std::string cell(const Json& value) {
@@ -79,11 +46,20 @@ std::string table(const std::vector<Row>& rows) {
   std::vector<std::vector<std::string>> cells = {{"encoder", "dim", "centring", "method", "query", "R@1", "(95 %)",
                                                   "R@5", "R@10", "R@20", "AUC", "(95 %)", "ROC", "encode s",
                                                   "match s"}};
-  for (const Row& row : rows)
-    cells.push_back({row.encoder, std::to_string(row.dimension), row.centring, row.method, row.query,
-                     share(row.recall_1), interval(row.recall_1_interval), share(row.recall_5), share(row.recall_10),
-                     share(row.recall_20), share(row.curve.auc), interval(row.auc_interval), share(row.roc.auc),
-                     number(row.encode_seconds, "%.1f"), number(row.seconds, "%.1f")});
+  for (const Row& row : rows) {
+    std::vector<std::string>& line = cells.emplace_back();
+    for (const char* name :
+         {"encoder", "dimension", "centring", "method", "query", "recall_1", "recall_1_interval", "recall_5",
+          "recall_10", "recall_20", "auc", "auc_interval", "roc_auc", "encode_seconds", "seconds"}) {
+      const Json& fact = row.facts[name];
+      const auto figure = [](const Json& of) { return number(of.get<double>(), "%.3f"); };
+      line.push_back(fact.is_string()          ? fact.get<std::string>()
+                     : fact.is_array()         ? figure(fact[0]) + "-" + figure(fact[1])
+                     : !fact.is_number_float() ? fact.dump()
+                     : line.size() < 13        ? figure(fact)
+                                               : number(fact.get<double>(), "%.1f"));
+    }
+  }
   std::vector<std::size_t> widths(cells[0].size());
   for (const auto& line : cells)
     for (std::size_t i = 0; i < line.size(); ++i) widths[i] = std::max(widths[i], line[i].size());
@@ -108,8 +84,7 @@ std::string results_csv(const std::vector<Row>& rows) {
       names += (names.empty() ? "" : ",") + name;
       values += (values.empty() ? "" : ",") + cell(value);
     };
-    const Json json = json_of(row);
-    for (const auto& [name, value] : json.items())
+    for (const auto& [name, value] : row.facts.items())
       if (value.is_array()) {
         const std::string of = name.substr(0, name.rfind('_'));  // "auc_interval": auc_low, auc_high
         add(of + "_low", value[0]);
@@ -148,7 +123,7 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
         {"roc_auc", "the chance that a right answer has more confidence than a wrong one"},
         {"auc_interval", "95 %, circular block bootstrap over queries, blocks of sqrt(Q), 500 resamples"}}},
       {"rows", Json::array()}};
-  for (const Row& row : rows) json["rows"].push_back(json_of(row));
+  for (const Row& row : rows) json["rows"].push_back(row.facts);
   return dumped(json, 2);
 }
 
@@ -159,20 +134,21 @@ std::string curves_json(const std::vector<Row>& rows) {
                   {"precision", thinned(row.curve.precision)},
                   {"false_positive", thinned(row.roc.false_positive)},
                   {"true_positive", thinned(row.roc.true_positive)}};
-    const Json all = json_of(row);
     for (const char* name : {"encoder", "dimension", "centring", "method", "query", "auc", "roc_auc"})
-      curve[name] = all[name];
-    curve["file"] = "pr-" + slug(row.query) + "-" + slug(row.method) + ".svg";
+      curve[name] = row.facts[name];
+    const std::string file = slug(row.facts["query"]) + "-" + slug(row.facts["method"]) + ".svg";
+    curve["file"] = "pr-" + file;
     if (!row.matches.empty()) curve["matches"] = row.matches;
-    curve["roc_file"] = "roc-" + slug(row.query) + "-" + slug(row.method) + ".svg";
+    curve["roc_file"] = "roc-" + file;
     json["curves"].push_back(std::move(curve));
   }
   return dumped(json, -1);
 }
 
 std::string slug_of(const Row& row) {
-  return slug(row.encoder) + "-" + std::to_string(row.dimension) + "-" + row.centring + "-" + slug(row.query) + "-" +
-         slug(row.method);
+  const Json& f = row.facts;
+  return slug(f["encoder"]) + "-" + f["dimension"].dump() + "-" + f["centring"].get<std::string>() + "-" +
+         slug(f["query"]) + "-" + slug(f["method"]);
 }
 
 std::string slug(const std::string& text) {

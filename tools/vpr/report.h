@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -11,19 +12,10 @@ namespace citylearn::vpr {
 
 /// One line of the table: an encoder's features of one dimension, matched by one method, under one condition.
 struct Row {
-  std::string encoder;   ///< as asked for: "hog"; "features" when the traversals had them
-  std::string name;      ///< Encoder::Spec::name, with version and parameters
-  int dimension = 0;     ///< of the features compared
-  bool reduced = false;  ///< by PCA
-  std::string centring;
-  double whitening = 0;
-  std::string method, query, condition;
-  int references = 0, queries = 0, tolerance = 0;
-  double radius = 0;  ///< metres; 0: `tolerance` frames
-  double recall_1 = 0, recall_5 = 0, recall_10 = 0, recall_20 = 0;
-  Interval recall_1_interval, auc_interval;
-  double encode_seconds = 0;  ///< for both traversals, of frames that were not in the store
-  double seconds = 0;         ///< reduction, matching
+  /// What results.json has of it, in that order. "radius" is in metres; 0: frames within "tolerance" are right.
+  /// "encode_seconds" is for both traversals, of frames that were not in the store; "seconds" is reduction and
+  /// matching.
+  nlohmann::ordered_json facts;
   PrecisionRecall curve;
   Roc roc;
   std::string matches;  ///< file of the picture that shows some; empty: none
