@@ -21,21 +21,6 @@ class FunctionPolicy : public Policy {
   const Act act_;
 };
 
-class InterruptiblePolicy : public Policy {
- public:
-  InterruptiblePolicy(Policy& policy, const EnvGroup::Interrupt& interrupt) : policy_(policy), interrupt_(interrupt) {}
-  void begin(std::uint32_t first_task, const SeenFeatures& known) override { policy_.begin(first_task, known); }
-  void act(const msg::Observation& seen, std::vector<std::uint8_t>& choice) override {
-    interrupt_();
-    policy_.act(seen, choice);
-  }
-  std::map<std::uint32_t, SeenFeatures> seen() const override { return policy_.seen(); }
-
- private:
-  Policy& policy_;
-  const EnvGroup::Interrupt& interrupt_;
-};
-
 }  // namespace
 
 TrainedAgent load_agent(const std::string& path) { return trained_agent(read_checkpoint(path)); }
@@ -69,8 +54,8 @@ Score evaluate(Policy& policy, const Recording& recording, const Route& route, c
   trial.tasks = tasks.count;
   trial.seed = evaluation_task_seed(tasks.seed);
   trial.imperfections = recording.imperfections;
-  InterruptiblePolicy interruptible(policy, interrupt);
-  return score(try_out(interruptible, recording.traversal, trial));
+  trial.interrupt = interrupt;
+  return score(try_out(policy, recording.traversal, trial));
 }
 
 }  // namespace citylearn::python

@@ -106,6 +106,7 @@ std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& trave
     environment.reset(settings);
     policy.begin(waves.wave().first, waves.known());
     while (!environment.done()) {
+      trial.interrupt();
       environment.observe(observation);
       policy.act(observation, choice);
       environment.step(choice);

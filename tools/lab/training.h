@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
@@ -62,9 +63,10 @@ NetworkTask network_task(const Experiences& route, int first, int frames);
 /// The numbered tasks that a policy is tried on.
 struct Trial {
   int first_frame = 0, frames = 128, max_steps = 128, tasks = 2000;
-  std::uint64_t seed = 4711;         ///< the same seed: the same tasks, on whichever traversal
-  bool shuffle = false;              ///< frames shown in a random order
-  Imperfections imperfections = {};  ///< of the world, those that befall agents
+  std::uint64_t seed = 4711;                ///< the same seed: the same tasks, on whichever traversal
+  bool shuffle = false;                     ///< frames shown in a random order
+  Imperfections imperfections = {};         ///< of the world, those that befall agents
+  std::function<void()> interrupt = [] {};  ///< called before each step; what it throws ends the trial
 };
 
 /// Returns the episodes by task, of a policy that has decided nothing yet. Throws Error, and what the policy throws.

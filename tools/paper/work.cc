@@ -18,6 +18,10 @@
 
 namespace citylearn::paper {
 
+void throw_if_stopped() {
+  if (stop_requested()) throw Stopped{};
+}
+
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json repeatable(const Json& outcome) {
@@ -87,7 +91,7 @@ bool Work::run() {
   bool well = true;
   for (std::size_t i = 0; i < open.size(); ++i) {
     const Unit& unit = units_[open[i]];
-    if (stop_requested()) throw Stopped{};
+    throw_if_stopped();
     const std::string path = path_of(unit.spec);
     Done& done = done_[open[i]];
     done = read(path, unit.spec);

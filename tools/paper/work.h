@@ -15,6 +15,8 @@ using Json = nlohmann::json;
 
 /// Ctrl-C or SIGTERM arrived: complete units are kept, the rest is abandoned.
 using lab::Stopped;
+/// Throws Stopped when one of them has arrived.
+void throw_if_stopped();
 
 /// Returns null for NaN and infinity.
 Json number(double value);

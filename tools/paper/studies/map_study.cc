@@ -8,13 +8,11 @@
 
 #include "core/task/route_map.h"
 #include "core/task/spl.h"
-#include "core/wire/service.h"
 #include "env_service/geometry/crossings.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 #include "tools/lab/training.h"
 #include "tools/paper/studies/statistics.h"
-#include "tools/paper/studies/stoppable.h"
 #include "tools/paper/studies/walk.h"
 
 namespace citylearn::paper {
@@ -98,9 +96,8 @@ Json tried(const MapStudy& study, World& world, Make make) {
     Trial how;
     how.frames = how.max_steps = study.layout.frames;
     how.tasks = study.tasks;
-    const auto policy = make();
-    Stoppable stoppable(*policy);
-    const std::vector<Episode> episodes = try_out(stoppable, route, how);
+    how.interrupt = throw_if_stopped;
+    const std::vector<Episode> episodes = try_out(*make(), route, how);
     Json row = trial(episodes, map);
     row["traversal"] = name;
     outcome["trials"].push_back(std::move(row));
@@ -119,7 +116,7 @@ Json train(const MapStudy& study, World& world) {
   Map map(study.layout);
   Json curve = {{"episodes", Json::array()}, {"spl", Json::array()}};
   while (!training.trainer().done()) {
-    if (stop_requested()) throw Stopped{};
+    throw_if_stopped();
     training.update();
     double spl = 0;
     for (const Episode& episode : training.finished()) spl += map.spl(episode);

@@ -11,7 +11,6 @@
 
 #include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/wire/service.h"
 #include "env_service/environment.h"
 #include "tools/lab/programs.h"
 
@@ -73,7 +72,7 @@ double of_process(const std::string& program, const World& world) {
   while (read_file(log).find(" agents, hash ") == std::string::npos) {
     if (child.status() || Clock::now() > deadline)
       throw Error("did not begin: " + take_log(), "'" + program + "'", "try it by hand");
-    if (stop_requested()) throw Stopped{};
+    throw_if_stopped();
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   const double bytes = resident(child.id());

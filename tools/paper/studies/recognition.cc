@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/paper/studies/recognition.h"
 
-#include "core/wire/service.h"
 #include "tools/lab/recognition/methods.h"
 
 namespace citylearn::paper {
@@ -16,7 +15,7 @@ Json recognise(World& world, const RecognitionCase& one) {
   const auto truth =
       GroundTruth::by_index(static_cast<int>(reference.cols()), static_cast<int>(query.cols()), kPlaceTolerance);
   const lab::Method::Result result = lab::Method(one.method).run(reference, query, truth, {});
-  if (stop_requested()) throw Stopped{};
+  throw_if_stopped();
   const PrecisionRecall curve = precision_recall(result.answers);
   const Interval interval = auc_interval(result.answers, 1);
   return {{"queries", result.answers.queries()},

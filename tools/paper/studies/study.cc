@@ -8,10 +8,8 @@
 #include <cstring>
 
 #include "core/task/spl.h"
-#include "core/wire/service.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
-#include "tools/paper/studies/stoppable.h"
 #include "tools/paper/studies/walk.h"
 
 namespace citylearn::paper {
@@ -44,6 +42,7 @@ Trial trial_of(int first, int frames, int tasks, bool shuffle, const Imperfectio
   trial.tasks = tasks;
   trial.shuffle = shuffle;
   trial.imperfections = imperfections;
+  trial.interrupt = throw_if_stopped;  // trials on long routes take minutes
   return trial;
 }
 
@@ -53,8 +52,7 @@ std::unique_ptr<Policy> policy_of(const TrainedAgent& agent) {
 
 /// Returns {"traversal", SCORE} of a fresh policy; with `walk` also the walk that is shown.
 Json tried(const std::unique_ptr<Policy>& policy, const Traversal& traversal, const Trial& trial, bool walk = false) {
-  Stoppable stoppable(*policy);
-  const std::vector<Environment::Episode> episodes = try_out(stoppable, traversal, trial);
+  const std::vector<Environment::Episode> episodes = try_out(*policy, traversal, trial);
   Json row = as_json(score(episodes));
   row["traversal"] = traversal.name;
   if (walk) row["walk"] = walk_of(episodes, traversal.frames);
@@ -163,7 +161,7 @@ Json train(const Study& study, World& world) {
   std::uint64_t deploy_at = 0;
   const Clock::time_point start = Clock::now();
   while (!trainer.done()) {
-    if (stop_requested()) throw Stopped{};
+    throw_if_stopped();
     training.update();
     const TrainingProgress& progress = trainer.progress();
     add_point(curve, progress, seconds_since(start) - judging, training.finished());
