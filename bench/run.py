@@ -75,11 +75,15 @@ def command(build, name):
     if script.exists():
         return ["/usr/bin/python3", "-B", str(script), str(build)]  # Debian's, which has numpy
     words = [program]
-    if (SOURCE / f"cases/{name}.md").exists() and (cases.exists() or not program.exists()):
-        words = [cases, name]  # older builds have a program for each
+    if (SOURCE / f"cases/{name}.md").exists() and not (program.exists() and not has_case(cases, name)):
+        words = [cases, name]  # older builds have programs instead of some cases
     if not words[0].exists():
         raise Failure(f"{words[0]} is missing; build it with ./run build")
     return list(map(str, words))
+
+
+def has_case(cases, name):
+    return cases.exists() and subprocess.run([cases, name, "--help"], capture_output=True, check=False).returncode == 0
 
 
 def machine():

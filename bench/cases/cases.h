@@ -21,13 +21,20 @@ using Measure = std::function<void()>;
 Measure encoder(CLI::App& command);
 Measure encoding(CLI::App& command);
 Measure images(CLI::App& command);
+Measure live(CLI::App& command);
 Measure loop(CLI::App& command);
 Measure loss(CLI::App& command);
+Measure places(CLI::App& command);
+Measure products(CLI::App& command);
 Measure roles(CLI::App& command);
+Measure security(CLI::App& command);
 Measure services(CLI::App& command);
 Measure startup(CLI::App& command);
+Measure store(CLI::App& command);
 Measure threads(CLI::App& command);
 Measure torch(CLI::App& command);
+Measure training(CLI::App& command);
+Measure updates(CLI::App& command);
 
 /// What is timed by turns with others.
 struct Contender {

@@ -7,6 +7,7 @@
 #include "core/plugin/plugins.h"
 #include "core/util/processors.h"
 #include "policy_service/learning/trainer.h"
+#include "policy_service/network/product.h"
 
 #ifndef CITYLEARN_TORCH_PPO
 #define CITYLEARN_TORCH_PPO ""
@@ -107,6 +108,69 @@ void compare_with_torch(int cells, int rounds) {
   std::fflush(stdout);
 }
 
+/// The matrix products of one forward and backward pass of the paper's network over L steps of B sequences, with
+/// nothing around them.
+class BareProducts {
+ public:
+  BareProducts(int sensors, int hidden, int cells, int extra, int steps, int sequences)
+      : steps_(steps), sequences_(sequences) {
+    const int columns = steps * sequences, gates = 4 * cells;
+    const auto random = [](int rows, int cols) { return Matrix<float>(Matrix<float>::Random(rows, cols)); };
+    sensor_ = random(hidden, sensors), input_ = random(gates, hidden + extra), recurrent_ = random(gates, cells);
+    back_ = random(cells, gates), head_ = random(kActions + 3, cells);
+    sensed_ = random(sensors, columns), embedded_ = random(hidden + extra, columns), gates_ = random(gates, columns);
+    h_ = random(cells, columns), out_ = random(kActions + 3, columns), hidden_ = random(hidden, columns);
+  }
+  void run() {
+    set_product(hidden_, sensor_, sensed_);
+    set_product(gates_, input_, embedded_);
+    for (int t = 0; t < steps_; ++t) set_product(columns(gates_, t), recurrent_, columns(h_, t));
+    set_product(out_, head_, h_);
+    set_product(head_gradient_, out_, h_.transpose());
+    set_product(h_gradient_, head_.transpose(), out_);
+    for (int t = 1; t < steps_; ++t) set_product(carried_, back_, columns(gates_, t));
+    set_product(recurrent_gradient_, gates_, h_.transpose());
+    set_product(input_gradient_, gates_, embedded_.transpose());
+    set_product(hidden_gradient_, input_.leftCols(hidden_.rows()).transpose(), gates_);
+    set_product(sensor_gradient_, hidden_gradient_, sensed_.transpose());
+  }
+
+ private:
+  Eigen::Block<Matrix<float>> columns(Matrix<float>& all, int t) {
+    return all.block(0, t * sequences_, all.rows(), sequences_);
+  }
+  int steps_, sequences_;
+  Matrix<float> sensor_, input_, recurrent_, back_, head_, sensed_, embedded_, gates_, h_, out_, hidden_;
+  Matrix<float> head_gradient_, h_gradient_, carried_, recurrent_gradient_, input_gradient_, hidden_gradient_,
+      sensor_gradient_;
+};
+
+/// Compares a learner's update with its matrix products alone, both on two threads.
+void compare_with_products(const std::string& learner, int cells, int rounds) {
+  constexpr int kThreads = 2, kHidden = 512;
+  Learners learners("features", learner, {{"cells", cells}});
+  learners.add(learner, kThreads, {}, "an update");
+  auto recommended = Trainer::recommended_parameters("features", learner);
+  const auto number = [&](const char* part, const char* name) {
+    return static_cast<int>(recommended.at(part).at(name));
+  };
+  const int segment = number("trainer", "segment"), minibatch = number("learner", "minibatch");
+  const int passes = number("learner", "epochs") * number("trainer", "agents") / minibatch;
+  WorkerPool workers(kThreads);
+  std::vector<BareProducts> bare(kThreads, {64 + 1, kHidden, cells, 2 * kActions, segment, minibatch / kThreads});
+  learners.contenders.push_back({"its products alone", [&] {
+                                   for (int i = 0; i < passes; ++i)
+                                     workers.run(kThreads,
+                                                 [&](int which) { bare[static_cast<std::size_t>(which)].run(); });
+                                 }});
+  take_turns(learners.contenders, rounds);
+  for (const Contender& one : learners.contenders)
+    std::printf("cells %3d  %-20s  %8.1f ms\n", cells, one.name.c_str(), 1e3 * median(one.seconds));
+  std::printf("cells %3d  ratio %.2f; %.0f steps/s learned from\n", cells, 1 / median(learners.contenders[1].ratios),
+              learners.steps / median(learners.contenders[0].seconds));
+  std::fflush(stdout);
+}
+
 }  // namespace
 
 Measure threads(CLI::App& command) {
@@ -121,6 +185,16 @@ Measure threads(CLI::App& command) {
     std::printf("%s, minibatches of %d sequences, %d processors; ratios to the first line\n", options->learner.c_str(),
                 options->minibatch, available_processors());
     for (const std::string& agent : options->agents) compare(agent, *options);
+  };
+}
+
+Measure updates(CLI::App& command) {
+  const auto learner = std::make_shared<std::string>("ppo");
+  const auto rounds = std::make_shared<int>(9);
+  command.add_option("--learner", *learner, "learner");
+  command.add_option("--rounds", *rounds, "measured updates of each")->check(CLI::PositiveNumber);
+  return [=] {
+    for (const int cells : {256, 64}) compare_with_products(*learner, cells, *rounds);
   };
 }
 

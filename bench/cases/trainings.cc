@@ -30,6 +30,7 @@ struct Layout {
   Arguments environment = {"--synthetic-images", "0"};
   Arguments policy = {};
   std::string store = {};  ///< of an encoder_service; empty: none
+  std::string keys = {};   ///< a keystore with keys of env-0 and policy; empty: nothing is secured
 };
 
 /// What a training takes: steps per second, shares of the time, updates, seconds.
@@ -74,6 +75,7 @@ Cost train(const Layout& layout) {
   const auto start = [&](const std::string& program, const std::string& id, Arguments command, const Arguments& more) {
     command.insert(command.begin(), {program, "--id", id});
     command.insert(command.end(), more.begin(), more.end());
+    if (!layout.keys.empty()) command.insert(command.end(), {"--security", layout.keys + "/" + id});
     return &session.start(command, id);
   };
   for (int i = 0; i < layout.environments; ++i)
@@ -184,6 +186,19 @@ void compare_images(const Options& options) {
     }
 }
 
+void compare_secured(const Options& options) {
+  const testing::Folder folder;
+  const std::string keys = folder / "keys";
+  make_keystore(keys, {{"env_service", "env-0"}, {"policy_service", "policy"}});
+  for (const std::string& agent : options.agents)
+    for (const std::string& middleware : options.middlewares) {
+      std::vector<Layout> layouts(2, {middleware + ", open", middleware, agent, options.steps, 1, 8});
+      layouts[1].figure = middleware + ", secured";
+      layouts[1].keys = keys;
+      compare(layouts, options.rounds);
+    }
+}
+
 /// Adds the options that all trainings have; the first one may be given without its name.
 Measure add_trainings(CLI::App& command, const std::string& first, Options defaults, void (*measure)(const Options&)) {
   const auto options = std::make_shared<Options>(std::move(defaults));
@@ -212,6 +227,12 @@ Measure loop(CLI::App& command) {
 }
 
 Measure roles(CLI::App& command) { return add_trainings(command, "steps", {}, compare_roles); }
+
+Measure security(CLI::App& command) {
+  return add_trainings(
+      command, "", {.agents = {"place_filter"}, .middlewares = {"cyclonedds", "fastdds"}, .steps = 40960, .rounds = 3},
+      compare_secured);
+}
 
 Measure services(CLI::App& command) {
   return add_trainings(command, "",

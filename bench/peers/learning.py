@@ -21,9 +21,9 @@ OURS = {"n_steps": 64, "batch_size": 8 * 64, "n_epochs": 2, "learning_rate": 1.5
 
 def train_ours(args, seed, parameters):
     """Returns steps/s, and the seconds and steps to SPL .90 or None."""
-    command = [args.build / "bench/training/bench_training", "--dataset", "synthetic", "--frames", "128", "--agent",
-               "features", "--learner", "ppo", "--seed", seed, "--threads", args.threads, "--evaluate", "summer",
-               "--tasks", 1, "--time-limit", args.time_limit, "--set", f"steps={args.steps}", *parameters]
+    command = [args.build / "bench/cases/bench_cases", "training", "--agent", "features", "--learner", "ppo", "--seed",
+               seed, "--threads", args.threads, "--evaluate", "summer", "--tasks", 1, "--time-limit", args.time_limit,
+               "--set", f"steps={args.steps}", *parameters]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=True).stdout
     rate = re.search(r"^trained .* ([0-9]+) steps/s", done, re.MULTILINE)
     reached = re.search(r"reached 0\.90 after [0-9]+ episodes, ([0-9]+) steps, ([0-9.]+) s", done)

@@ -7,15 +7,15 @@
 #include <algorithm>
 #include <condition_variable>
 #include <cstdio>
+#include <cstring>
 #include <mutex>
 #include <optional>
 
 #include "bench/bench.h"
 #include "bench/figures.h"
-#include "bench/round_trips.h"
+#include "bench/program.h"
 #include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
-#include "tests/support/processes/service.h"
 
 namespace {
 
@@ -28,12 +28,13 @@ struct Settings {
   int trips = 5000;  // measured, after a tenth of them for warming up
   int rounds = 3;
   std::uint32_t domain = 120;
+  bool secured = false;          // compares secured middleware with open middleware instead
+  std::string keys;              // keystore; empty: nothing is secured
   std::string role = "measure";  // what a child is: "answer:VENDOR:PATH"
 };
 
 const std::vector<std::string> kVendors = {"cyclonedds", "fastdds"};
 const std::vector<std::string> kBare = {"listener", "waitset"};
-const std::vector<std::string> kOurs = {"middleware", "node"};
 
 msg::Observation make_observation(const Settings& settings) {
   const std::size_t agents = static_cast<std::size_t>(settings.agents);
@@ -67,6 +68,41 @@ std::size_t size_of(Message message) {
   return bytes.size();
 }
 
+/// The number of a trip, in the first bytes after a sample's encapsulation.
+std::uint32_t number_in(std::span<const std::byte> sample) {
+  std::uint32_t number;
+  std::memcpy(&number, sample.data() + 4, sizeof number);
+  return number;
+}
+void set_number(Bytes& sample, std::uint32_t number) { std::memcpy(sample.data() + 4, &number, sizeof number); }
+
+/// Returns whether the program that started this one has ended (testing::Child).
+bool input_ended() {
+  pollfd input{STDIN_FILENO, POLLIN, 0};
+  return poll(&input, 1, 0) > 0;
+}
+
+/// Times of the trips asked for, one after another, after a tenth of them for warming up. A question unanswered for 200
+/// ms is sent again.
+class Trips {
+ public:
+  explicit Trips(int trips) : warm_(trips / 10), last_(warm_ + trips) {
+    times.reserve(static_cast<std::size_t>(trips));
+  }
+  std::uint32_t number() const { return static_cast<std::uint32_t>(number_); }
+  bool finished() const { return number_ >= last_; }
+  void begin() { begin_ = Clock::now(); }
+  void end() {
+    if (number_ >= warm_) times.push_back(seconds_since(begin_) * 1e6);
+    ++number_;
+  }
+  std::vector<double> times;  ///< microseconds
+
+ private:
+  int warm_, last_, number_ = 0;
+  Clock::time_point begin_;
+};
+
 // --- Bare vendors
 
 std::unique_ptr<roundtrip::Port> open_port(const std::string& vendor, const roundtrip::PortOptions& options) {
@@ -90,7 +126,7 @@ void answer_bare(const Settings& settings, const std::string& vendor, const std:
   ready.lock();
   options.received = [&](std::span<const std::byte> question) {
     std::lock_guard lock(ready);
-    bench::set_number(answer, bench::number_in(question));
+    set_number(answer, number_in(question));
     port->send(answer);
   };
   port = open_port(vendor, options);
@@ -102,18 +138,18 @@ void answer_bare(const Settings& settings, const std::string& vendor, const std:
 std::vector<double> ask_bare(const Settings& settings, const std::string& vendor, const std::string& path) {
   roundtrip::PortOptions options = port_options(settings, path, true);
   Bytes question(options.question);
-  bench::Trips trips(settings.trips);
+  Trips trips(settings.trips);
   std::mutex mutex;
   std::condition_variable done;
   std::unique_ptr<roundtrip::Port> port;
   const auto ask = [&] {
-    bench::set_number(question, trips.number());
+    set_number(question, trips.number());
     trips.begin();
     port->send(question);
   };
   options.received = [&](std::span<const std::byte> answer) {
     std::lock_guard lock(mutex);
-    if (trips.finished() || bench::number_in(answer) != trips.number()) return;
+    if (trips.finished() || number_in(answer) != trips.number()) return;
     trips.end();
     if (trips.finished())
       done.notify_one();
@@ -141,14 +177,53 @@ MiddlewareOptions middleware_options(const Settings& settings, const std::string
   options.name = vendor;
   options.domain = settings.domain;
   options.participant = participant;
+  if (!settings.keys.empty()) options.security = settings.keys + "/" + participant;
   return options;
 }
 
-bench::TripTopics topics_of(const Settings& settings) {
-  const auto topic = [](const char* name, std::size_t size) {
-    return Topic{name, std::string("Bytes_") + name, Profile::kCommand, size};
-  };
-  return {topic("question", size_of(make_observation(settings))), topic("answer", size_of(make_action(settings)))};
+/// The topics of an environment and its policy_service, which alone a keystore's permissions allow.
+struct Topics {
+  explicit Topics(const Settings& settings)
+      : question{"citylearn/observation", "Bytes", Profile::kCommand, size_of(make_observation(settings))},
+        answer{"citylearn/action", "Bytes", Profile::kCommand, size_of(make_action(settings))} {}
+  Topic question, answer;
+};
+
+void answer_middleware(const Settings& settings, const std::string& vendor) {
+  const Topics topics(settings);
+  const auto middleware = create_middleware(middleware_options(settings, vendor, "answerer"));
+  Bytes question(topics.question.largest), answer(topics.answer.largest);
+  answer[1] = std::byte{1};
+  const auto publisher = middleware->create_publisher(topics.answer);
+  const auto subscription = middleware->create_subscription(topics.question);
+  while (!input_ended())
+    for (const auto limit = Clock::now() + milliseconds(100); middleware->wait(limit);)
+      while (subscription->take(question)) {
+        set_number(answer, number_in(question));
+        publisher->publish(answer);
+      }
+}
+
+std::vector<double> ask_middleware(const Settings& settings, const std::string& vendor) {
+  const Topics topics(settings);
+  const auto middleware = create_middleware(middleware_options(settings, vendor, "asker"));
+  Bytes question(topics.question.largest), answer(topics.answer.largest);
+  question[1] = std::byte{1};
+  const auto publisher = middleware->create_publisher(topics.question);
+  const auto subscription = middleware->create_subscription(topics.answer);
+  Trips trips(settings.trips);
+  while (!trips.finished()) {
+    set_number(question, trips.number());
+    trips.begin();
+    for (bool answered = false; !answered;) {
+      publisher->publish(question);
+      const auto limit = Clock::now() + milliseconds(200);
+      while (!answered && middleware->wait(limit))
+        while (!answered && subscription->take(answer)) answered = number_in(answer) == trips.number();
+    }
+    trips.end();
+  }
+  return trips.times;
 }
 
 Node::Options node_options(const Settings& settings, const std::string& vendor, const std::string& id) {
@@ -166,7 +241,7 @@ void answer_node(const Settings& settings, const std::string& vendor) {
   msg::Observation question;
   msg::Action answer = make_action(settings);
   answer.environment("asker");
-  while (!bench::input_ended())
+  while (!input_ended())
     for (const auto limit = Clock::now() + milliseconds(100); node.wait(limit);)
       while (node.take(question)) {
         answer.step(question.step());
@@ -180,7 +255,7 @@ std::vector<double> ask_node(const Settings& settings, const std::string& vendor
   node.create_reader<msg::Action>();
   msg::Observation question = make_observation(settings);
   msg::Action answer;
-  bench::Trips trips(settings.trips);
+  Trips trips(settings.trips);
   while (!trips.finished()) {
     question.step(trips.number());
     trips.begin();
@@ -201,20 +276,17 @@ bool is_bare(const std::string& path) { return std::find(kBare.begin(), kBare.en
 
 void answer(const Settings& settings, const std::string& vendor, const std::string& path) {
   if (is_bare(path)) return answer_bare(settings, vendor, path);
-  if (path == "middleware")
-    return bench::answer_middleware(middleware_options(settings, vendor, "answerer"), topics_of(settings));
-  answer_node(settings, vendor);
+  path == "node" ? answer_node(settings, vendor) : answer_middleware(settings, vendor);
 }
 
 /// Times in microseconds, of trips to a fresh process and back.
-std::vector<double> measure(const Settings& settings, const std::string& vendor, const std::string& path) {
+std::vector<double> measure(Settings settings, const std::string& vendor, const std::string& path) {
+  if (path != "secured") settings.keys.clear();
   const testing::Child answerer({"/proc/self/exe", "--role", "answer:" + vendor + ":" + path, "--agents",
                                  std::to_string(settings.agents), "--dimension", std::to_string(settings.dimension),
-                                 "--domain", std::to_string(settings.domain)});
+                                 "--domain", std::to_string(settings.domain), "--keys", settings.keys});
   if (is_bare(path)) return ask_bare(settings, vendor, path);
-  if (path == "middleware")
-    return bench::ask_middleware(middleware_options(settings, vendor, "asker"), topics_of(settings), settings.trips);
-  return ask_node(settings, vendor);
+  return path == "node" ? ask_node(settings, vendor) : ask_middleware(settings, vendor);
 }
 
 double quantile(std::vector<double> values, double q) {
@@ -226,8 +298,8 @@ void compare(const Settings& settings) {
   std::printf("Observation of %zu bytes there, Action of %zu bytes back; %d rounds of %d trips each; microseconds\n\n",
               size_of(make_observation(settings)), size_of(make_action(settings)), settings.rounds, settings.trips);
   std::printf("%-12s %-18s %9s %9s %9s\n", "vendor", "path", "median", "p99", "ratio");
-  std::vector<std::string> paths = kBare;
-  paths.insert(paths.end(), kOurs.begin(), kOurs.end());
+  std::vector<std::string> paths = {"middleware", "secured"};
+  if (!settings.secured) paths = {kBare[0], kBare[1], "middleware", "node"};
   for (const std::string& vendor : kVendors) {
     std::map<std::string, std::vector<double>> medians, p99;
     for (int round = 0; round < settings.rounds; ++round)
@@ -236,7 +308,8 @@ void compare(const Settings& settings) {
         medians[path].push_back(quantile(times, 0.5));
         p99[path].push_back(quantile(times, 0.99));
       }
-    const double reference = std::min(quantile(medians[kBare[0]], 0.5), quantile(medians[kBare[1]], 0.5));
+    double reference = quantile(medians[paths[0]], 0.5);
+    if (!settings.secured) reference = std::min(reference, quantile(medians[paths[1]], 0.5));
     for (const std::string& path : paths) {
       const double each = quantile(medians[path], 0.5);
       const std::string what = is_bare(path) ? "bare, " + path : path;
@@ -246,7 +319,8 @@ void compare(const Settings& settings) {
           {.name = vendor + ", " + what, .value = each, .unit = "us", .better = bench::Better::kLower});
     }
   }
-  std::printf("\nratio: median against the faster of the two bare ways. Each figure is the median over the rounds.\n");
+  std::printf("\nratio: median against %s. Each figure is the median over the rounds.\n",
+              settings.secured ? "middleware that is not secured" : "the faster of the two bare ways");
 }
 
 }  // namespace
@@ -266,12 +340,19 @@ int main(int count, char** arguments) {
       ->capture_default_str();
   app.add_option("--rounds", settings.rounds, "rounds")->check(CLI::Range(1, 100))->capture_default_str();
   app.add_option("--domain", settings.domain, "DDS domain")->check(CLI::Range(0, 232))->capture_default_str();
+  app.add_flag("--secured", settings.secured, "compare secured middleware with open middleware instead");
+  app.add_option("--keys", settings.keys)->group("");
   app.add_option("--role", settings.role)->group("");
   return bench::run(app, count, arguments, [&] {
     const std::size_t first = settings.role.find(':'), second = settings.role.rfind(':');
-    if (first == std::string::npos)
+    if (first == std::string::npos) {
+      const testing::Folder folder;
+      if (settings.secured)
+        bench::make_keystore(settings.keys = folder / "keys",
+                             {{"env_service", "asker"}, {"policy_service", "answerer"}});
       compare(settings);
-    else
-      answer(settings, settings.role.substr(first + 1, second - first - 1), settings.role.substr(second + 1));
+      return;
+    }
+    answer(settings, settings.role.substr(first + 1, second - first - 1), settings.role.substr(second + 1));
   });
 }

@@ -42,8 +42,7 @@ InprocessTraining::InprocessTraining(const TrainerOptions& options, const Experi
                                      const Hosting& hosting)
     : trainer_(options, network_task(route, options.first_frame, frames)) {
   const int count = hosting.environments * static_cast<int>(route.size());
-  int agents = hosting.agents;
-  if (agents <= 0) agents = std::max(1, static_cast<int>(trainer_.parameters()["trainer"]["agents"]) / count);
+  const int agents = std::max(1, static_cast<int>(trainer_.parameters()["trainer"]["agents"]) / count);
   for (int i = 0; i < count; ++i) {
     const int experience = i / hosting.environments;
     environments_.emplace_back(*route[static_cast<std::size_t>(experience)], agents, hosting.imperfections);

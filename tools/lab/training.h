@@ -22,8 +22,7 @@ struct Experiences : std::vector<const Traversal*> {
 
 /// The environments of a training.
 struct Hosting {
-  int environments = 1;              ///< on each of the route's experiences
-  int agents = 0;                    ///< of each of them; 0: the network's recommendation in all
+  int environments = 1;              ///< on each of the route's experiences; they share the recommended agents
   Imperfections imperfections = {};  ///< of their world, those that befall agents
 };
 

@@ -151,7 +151,7 @@ Json train(const Study& study, World& world) {
   int environments = 1;
   while (agents / environments > room || agents % environments != 0) ++environments;
   const Experiences experiences = experiences_of(study.experiences, study.representation, world);
-  InprocessTraining training(options, experiences, study.frames, {environments, 0, study.imperfections});
+  InprocessTraining training(options, experiences, study.frames, {environments, study.imperfections});
   Trainer& trainer = training.trainer();
 
   Json curve = {{"episodes", Json::array()}, {"steps", Json::array()}, {"seconds", Json::array()},

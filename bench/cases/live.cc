@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See README.md.
 #include <sys/socket.h>
 #include <sys/wait.h>
 
@@ -9,14 +8,14 @@
 #include <memory>
 #include <thread>
 
-#include "bench/bench.h"
+#include "bench/cases/cases.h"
 #include "core/util/machine.h"
 #include "dashboard/http/server.h"
 #include "tests/support/web/web_client.h"
 
+namespace citylearn::bench {
 namespace {
 
-using namespace citylearn;
 using namespace std::chrono_literals;
 using testing::WebClient;
 
@@ -32,7 +31,7 @@ class Crowd {
     try {
       work();
     } catch (const std::exception& error) {
-      std::cerr << "bench_live: a client: " << error.what() << "\n";
+      std::cerr << "bench_cases live: a client: " << error.what() << "\n";
     }
     _exit(0);
   }
@@ -100,11 +99,7 @@ Rate publish_for(ClientHub& hub, std::chrono::microseconds period, std::chrono::
 }
 
 void wait_for(const std::function<bool()>& condition) {
-  const auto deadline = Clock::now() + 20s;
-  while (!condition()) {
-    if (Clock::now() > deadline) throw Error("the clients do not connect");
-    ::poll(nullptr, 0, 5);
-  }
+  if (!testing::poll_until(condition, 20s)) throw Error("the clients do not connect");
 }
 
 /// Returns the share of a core that a bare loop needs to write the same bytes to as many sockets.
@@ -186,10 +181,11 @@ void measure(int clients, std::chrono::seconds duration) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  int clients = 64, seconds = 10;
-  CLI::App app("What live pictures and scenes cost the dashboard's server beside bare sockets", "bench_live");
-  app.add_option("clients", clients, "pages that watch")->capture_default_str();
-  app.add_option("seconds", seconds, "of each measurement")->capture_default_str();
-  return bench::run(app, argc, argv, [&] { measure(clients, std::chrono::seconds(seconds)); });
+Measure live(CLI::App& command) {
+  const auto clients = std::make_shared<int>(64), seconds = std::make_shared<int>(10);
+  command.add_option("clients", *clients, "pages that watch");
+  command.add_option("seconds", *seconds, "of each measurement");
+  return [=] { measure(*clients, std::chrono::seconds(*seconds)); };
 }
+
+}  // namespace citylearn::bench

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See README.md.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -8,19 +7,16 @@
 #include <thread>
 #include <vector>
 
-#include "bench/bench.h"
-#include "bench/figures.h"
+#include "bench/cases/cases.h"
 #include "core/util/error.h"
 #include "dashboard/api/api.h"
 #include "dashboard/store/recorder.h"
-#include "tests/support/processes/service.h"
 #include "tests/support/records/records.h"
 
+namespace citylearn::bench {
 namespace {
 
-using namespace citylearn;
 using namespace citylearn::testing;
-using bench::seconds;
 
 constexpr std::uint64_t kUpdates = 200'000;
 
@@ -28,7 +24,7 @@ template <class Work>
 double median_seconds(const Work& work) {
   std::vector<double> times;
   for (int i = 0; i < 7; ++i) times.push_back(seconds(work));
-  return bench::median(times);
+  return median(times);
 }
 
 /// Returns the episodes per second that a plain file takes, each batch synchronised before the next.
@@ -65,8 +61,7 @@ void recording(const std::string& folder, std::uint64_t total) {
     const std::size_t bytes = std::filesystem::file_size(options.path) / count;
     const double plain = plain_rate(folder + "/plain", count, batch, bytes);
     std::printf("%8zu %14.0f %14.0f %14.2f\n", batch, rate, plain, rate / plain);
-    bench::record_figure(
-        {.name = "recorded by " + std::to_string(batch) + " at once", .value = rate, .unit = "episodes/s"});
+    record_figure({.name = "recorded by " + std::to_string(batch) + " at once", .value = rate, .unit = "episodes/s"});
     std::fflush(stdout);
   }
 }
@@ -163,7 +158,7 @@ void opening(const std::string& folder) {
               "of every row");
   const auto print = [&](const char* what, double time) {
     std::printf("%-46s %10.1f %12zu %16.2f\n", what, 1e3 * time, bytes, time / plain);
-    bench::record_figure({.name = what, .value = 1e3 * time, .unit = "ms", .better = bench::Better::kLower});
+    record_figure({.name = what, .value = 1e3 * time, .unit = "ms", .better = Better::kLower});
     std::fflush(stdout);
   };
   print("every row, one column (reference)", plain);
@@ -181,21 +176,23 @@ void opening(const std::string& folder) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  const Folder temporary;
-  std::string folder = temporary.path();
-  std::uint64_t total = 100'000;
-  CLI::App app("What the dashboard's store costs beside a plain file", "bench_store");
-  app.add_option("episodes", total, "episodes to record")->capture_default_str();
-  app.add_option("--folder", folder, "where the files go; a temporary one by default");
-  return bench::run(app, argc, argv, [&] {
-    recording(folder, total);
+Measure store(CLI::App& command) {
+  const auto total = std::make_shared<std::uint64_t>(100'000);
+  const auto given = std::make_shared<std::string>();
+  command.add_option("episodes", *total, "episodes to record");
+  command.add_option("--folder", *given, "where the files go; a temporary one by default");
+  return [=] {
+    const Folder temporary;
+    const std::string folder = given->empty() ? temporary.path() : *given;
+    recording(folder, *total);
     std::printf("\n%-16s %14s\n", "over", "episodes/s");
     for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"}) {
-      const double rate = catching_up(folder, middleware, total);
+      const double rate = catching_up(folder, middleware, *total);
       std::printf("%-16s %14.0f\n", middleware.c_str(), rate);
-      bench::record_figure({.name = "recorded over " + middleware, .value = rate, .unit = "episodes/s"});
+      record_figure({.name = "recorded over " + middleware, .value = rate, .unit = "episodes/s"});
     }
     opening(folder);
-  });
+  };
 }
+
+}  // namespace citylearn::bench
