@@ -1,25 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 // See README.md.
+#include <unistd.h>
+
 #include <algorithm>
-#include <cmath>
+#include <array>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <memory>
 #include <regex>
-#include <set>
 #include <sstream>
 
 #include "bench/bench.h"
-#include "bench/scale/usage.h"
+#include "core/files/files.h"
+#include "core/util/error.h"
 #include "core/wire/node.h"
 #include "tests/support/processes/hosts.h"
 
 namespace {
 
 using namespace citylearn;
-using namespace citylearn::scale;
 using bench::median;
 using testing::Folder;
 using testing::Hosts;
@@ -53,6 +55,75 @@ std::string describe(const Case& c) {
        << (c.encoder ? ", encoder" : "") << (c.ports ? ", peers with ports" : "") << (c.large ? ", large updates" : "")
        << (c.runs ? "" : ", no learner");
   return text.str();
+}
+
+/// Figures by the names of their columns: times in microseconds, memory in MB, the others are counts.
+using Figures = std::map<std::string, double>;
+
+// The columns of a row's figures. CPU time is that of a process' first thread and of all others that live, the DDS
+// vendor's; sleeps are voluntary context switches. Bytes and packets count with Ethernet's headers, datagrams are of
+// UDP and whole, and those are lost that a full socket had no room for.
+const char* const kFigures[] = {
+    "main_us",        "others_us",        "main_sleeps",    "others_sleeps",      "sent_bytes", "received_bytes",
+    "sent_packets",   "received_packets", "sent_datagrams", "received_datagrams", "lost",       "resident_mb",
+    "steps_per_s",    "busy_cores",       "idle_cores",     "episodes_per_step",  "lag",        "received_per_s",
+    "repeated_per_s", "resent_per_s"};
+
+/// Returns a counter of /proc/net/snmp, where a line of numbers follows a line of names.
+double snmp(const std::string& text, const std::string& protocol, const std::string& wanted) {
+  std::istringstream lines(text);
+  std::string names, numbers;
+  while (std::getline(lines, names)) {
+    if (names.rfind(protocol + ":", 0) != 0 || !std::getline(lines, numbers)) continue;
+    std::istringstream name(names), number(numbers);
+    for (std::string each, value; name >> each && number >> value;)
+      if (each == wanted) return std::stod(value);
+  }
+  throw Error("has no " + protocol + " " + wanted, "/proc/net/snmp");
+}
+
+/// Returns what a process has used so far, and what has crossed its host's interface to the network. Throws Error when
+/// there is no such process.
+Figures usage_of(int process) {
+  const std::string folder = "/proc/" + std::to_string(process);
+  Figures usage;
+  for (const auto& task : std::filesystem::directory_iterator(folder + "/task")) {
+    std::ifstream in(task.path() / "schedstat");
+    double nanoseconds = 0;
+    if (!(in >> nanoseconds)) continue;  // it has just ended
+    const std::string thread = task.path().filename() == std::to_string(process) ? "main" : "others";
+    usage[thread + "_us"] += nanoseconds / 1e3;
+    std::ifstream status(task.path() / "status");
+    for (std::string word; status >> word;)
+      if (double times = 0; word == "voluntary_ctxt_switches:" && status >> times) usage[thread + "_sleeps"] += times;
+  }
+  std::istringstream interfaces(read_file(folder + "/net/dev"));
+  for (std::string line; std::getline(interfaces, line);) {
+    const std::size_t colon = line.find(':');
+    if (colon == line.npos || line.substr(0, colon).find("net0") == line.npos) continue;
+    double number[16];
+    std::istringstream numbers(line.substr(colon + 1));
+    for (double& each : number) numbers >> each;
+    usage["received_bytes"] = number[0], usage["received_packets"] = number[1];
+    usage["sent_bytes"] = number[8], usage["sent_packets"] = number[9];
+  }
+  const std::string counters = read_file(folder + "/net/snmp");
+  usage["sent_datagrams"] = snmp(counters, "Udp", "OutDatagrams");
+  usage["received_datagrams"] = snmp(counters, "Udp", "InDatagrams");
+  usage["lost"] = snmp(counters, "Udp", "RcvbufErrors");
+  std::ifstream statm(folder + "/statm");
+  double pages = 0, resident = 0;
+  if (statm >> pages >> resident) usage["resident_mb"] = 1e-6 * resident * static_cast<double>(sysconf(_SC_PAGESIZE));
+  return usage;
+}
+
+/// Returns for how many seconds the processors of this machine were idle so far, in all.
+double idle_processor_seconds() {
+  std::istringstream in(read_file("/proc/stat"));
+  std::string name;
+  double user, nice, system, idle, waiting;
+  in >> name >> user >> nice >> system >> idle >> waiting;
+  return (idle + waiting) / static_cast<double>(sysconf(_SC_CLK_TCK));
 }
 
 /// The progress of training, by the newest lines of its metrics.csv.
@@ -145,8 +216,8 @@ class Scene {
     const Clock::time_point end = Clock::now() + how_long;
     while (Clock::now() < end) spin(std::min(end, Clock::now() + milliseconds(5)));
   }
-  std::map<std::string, Usage> usage() const {
-    std::map<std::string, Usage> all;
+  std::map<std::string, Figures> usage() const {
+    std::map<std::string, Figures> all;
     for (const auto& [id, process] : heard_) all[id] = usage_of(process);
     return all;
   }
@@ -225,86 +296,69 @@ std::string kind_of(const std::string& id) {
   return kind == "policy" ? "learner" : kind;
 }
 
-/// Resources that one kind of service used in one phase: the mean of its services and the median of the windows, per
-/// step of one agent or per second.
+/// Figures of one kind of service in one phase: what was used is the mean of its services and the median of the
+/// windows, per step of one agent or per second; messages are per second, as the services count.
 struct Row {
   std::string phase, kind;
   int count = 0;
-  Usage usage;
-  double steps_per_second = 0, busy = 0, idle = 0;  ///< cores that the case used, and idle ones
-  double episodes = 0, lag = 0;                     ///< per step; in updates
-  double received = 0, repeated = 0, resent = 0;    ///< per second, as the services count
+  Figures figures;
 };
 
-const char* const kColumns =
-    "middleware,envs,agents,actors,dimension,agent,observing,dashboard,encoder,ports,large,phase,kind,count,main_us,"
-    "others_us,main_sleeps,others_sleeps,sent_bytes,received_bytes,sent_packets,received_packets,sent_datagrams,"
-    "received_datagrams,lost,"
-    "resident_mb,steps_per_s,busy_cores,idle_cores,episodes_per_step,lag,received_per_s,repeated_per_s,resent_per_s";
+void print_columns() {
+  std::printf("middleware,envs,agents,actors,dimension,agent,observing,dashboard,encoder,ports,large,phase,kind,count");
+  for (const char* name : kFigures) std::printf(",%s", name);
+  std::printf("\n");
+}
 
-void print(std::FILE* file, const std::string& middleware, const Case& c, const Row& r) {
-  const Usage& u = r.usage;
-  std::fprintf(
-      file,
-      "%s,%d,%d,%d,%d,%s,%s,%d,%d,%d,%d,%s,%s,%d,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.4g,%.5g,%.4g,"
-      "%.4g,%.4g,%.4g,%.5g,%.4g,%.4g\n",
-      middleware.c_str(), c.envs, c.agents, c.actors, c.dimension, c.agent.c_str(), c.observing.c_str(), c.dashboard,
-      c.encoder, c.ports, c.large, r.phase.c_str(), r.kind.c_str(), r.count, 1e6 * u.main, 1e6 * u.others,
-      u.main_sleeps, u.others_sleeps, u.sent_bytes, u.received_bytes, u.sent_packets, u.received_packets,
-      u.sent_datagrams, u.received_datagrams, u.lost_datagrams, u.resident / 1e6, r.steps_per_second, r.busy, r.idle,
-      r.episodes, r.lag, r.received, r.repeated, r.resent);
-  std::fflush(file);
+void print(const std::string& middleware, const Case& c, Row row) {
+  std::printf("%s,%d,%d,%d,%d,%s,%s,%d,%d,%d,%d,%s,%s,%d", middleware.c_str(), c.envs, c.agents, c.actors, c.dimension,
+              c.agent.c_str(), c.observing.c_str(), c.dashboard, c.encoder, c.ports, c.large, row.phase.c_str(),
+              row.kind.c_str(), row.count);
+  for (const char* name : kFigures) std::printf(",%.5g", row.figures[name]);
+  std::printf("\n");
+  std::fflush(stdout);
 }
 
 struct Look {
   double when = 0;  ///< seconds
-  std::map<std::string, Usage> usage;
+  std::map<std::string, Figures> usage;
   double idle = 0;  ///< of all processors
   Progress progress;
 };
 
 /// Returns what was used between successive looks, by kind: per step, or per second where nothing is learned.
 std::vector<Row> rows_of(const std::string& phase, const std::vector<Look>& looks, bool learns) {
-  std::map<std::string, std::vector<Usage>> windows;
+  std::map<std::string, std::map<std::string, std::vector<double>>> windows;  // by kind and column
   std::map<std::string, int> counts;
-  std::vector<double> rates, busy, free, episodes, lag;
   for (const auto& [id, usage] : looks.front().usage) ++counts[kind_of(id)];
   for (std::size_t w = 1; w < looks.size(); ++w) {
     const Look &from = looks[w - 1], &to = looks[w];
     const double elapsed = to.when - from.when;
     const double per = learns ? to.progress.steps - from.progress.steps : elapsed;
     double cores = 0;
-    std::map<std::string, Usage> sums;
+    std::map<std::string, Figures> means;
     for (const auto& [id, usage] : to.usage) {
-      Usage used = usage;
-      used -= from.usage.at(id);
-      cores += used.main + used.others;
-      used *= 1 / per;
-      used.resident = usage.resident;
-      sums[kind_of(id)] += used;
+      Figures before = from.usage.at(id);
+      for (const auto& [name, value] : usage) {
+        const double used = value - before[name];
+        if (name.ends_with("_us")) cores += 1e-6 * used;
+        means[kind_of(id)][name] += (name == "resident_mb" ? value : used / per) / counts[kind_of(id)];
+      }
     }
-    for (auto& [kind, sum] : sums) {
-      sum *= 1.0 / counts[kind];
-      windows[kind].push_back(sum);
+    const Figures whole = {{"steps_per_s", learns ? per / elapsed : 0},
+                           {"busy_cores", cores / elapsed},
+                           {"idle_cores", (to.idle - from.idle) / elapsed},
+                           {"episodes_per_step", learns ? (to.progress.episodes - from.progress.episodes) / per : 0},
+                           {"lag", to.progress.lag}};
+    for (auto& [kind, figures] : means) {
+      figures.insert(whole.begin(), whole.end());
+      for (const auto& [name, value] : figures) windows[kind][name].push_back(value);
     }
-    rates.push_back(learns ? per / elapsed : 0);
-    episodes.push_back(learns ? (to.progress.episodes - from.progress.episodes) / per : 0);
-    lag.push_back(to.progress.lag);
-    busy.push_back(cores / elapsed);
-    free.push_back((to.idle - from.idle) / elapsed);
   }
   std::vector<Row> rows;
-  for (const auto& [kind, usages] : windows) {
-    Row row;
-    row.phase = phase, row.kind = kind, row.count = counts[kind];
-    for (double Usage::*field : Usage::fields()) {
-      std::vector<double> values;
-      for (const Usage& usage : usages) values.push_back(usage.*field);
-      row.usage.*field = median(values);
-    }
-    row.steps_per_second = median(rates), row.busy = median(busy), row.idle = median(free);
-    row.episodes = median(episodes), row.lag = median(lag);
-    rows.push_back(row);
+  for (const auto& [kind, columns] : windows) {
+    Row& row = rows.emplace_back(Row{phase, kind, counts[kind], {}});
+    for (const auto& [name, values] : columns) row.figures[name] = median(values);
   }
   return rows;
 }
@@ -330,24 +384,26 @@ std::vector<Row> observe(Scene& scene, const std::string& phase, int windows, bo
       const auto first = before.find(id);
       if (kind_of(id) != row.kind || first == before.end()) continue;
       const double elapsed = std::max(1e-3, status.uptime() - first->second.uptime()) * row.count;
-      row.received += static_cast<double>(status.received() - first->second.received()) / elapsed;
-      row.repeated += static_cast<double>(status.repeated() - first->second.repeated()) / elapsed;
-      row.resent += static_cast<double>(status.resent() - first->second.resent()) / elapsed;
+      const auto add = [&](const char* name, std::uint64_t now, std::uint64_t then) {
+        row.figures[name] += static_cast<double>(now - then) / elapsed;
+      };
+      add("received_per_s", status.received(), first->second.received());
+      add("repeated_per_s", status.repeated(), first->second.repeated());
+      add("resent_per_s", status.resent(), first->second.resent());
     }
   return rows;
 }
 
-void measure(const Case& c, const std::string& middleware, std::FILE* file) {
+void measure(const Case& c, const std::string& middleware) {
   std::fprintf(stderr, "%s: %s\n", middleware.c_str(), describe(c).c_str());
   Scene scene(c, middleware);
   scene.meet();
   scene.hear(seconds(2));  // discovery may still go on
   // Since each process began: what it takes to start and to discover each other.
   Look before, begun{1, scene.usage(), 0, {}};
-  for (const auto& [id, usage] : begun.usage) before.usage[id] = Usage();
-  for (const Row& row : rows_of("start", {before, begun}, false)) print(file, middleware, c, row);
-  for (const Row& row : observe(scene, "idle", 3, false, [&] { scene.hear(seconds(2)); }))
-    print(file, middleware, c, row);
+  for (const auto& [id, usage] : begun.usage) before.usage[id] = {};
+  for (const Row& row : rows_of("start", {before, begun}, false)) print(middleware, c, row);
+  for (const Row& row : observe(scene, "idle", 3, false, [&] { scene.hear(seconds(2)); })) print(middleware, c, row);
   if (!c.runs) return;
   scene.learn();
   scene.await_steps(c.large ? 4 * 65536 : 8192);
@@ -356,46 +412,28 @@ void measure(const Case& c, const std::string& middleware, std::FILE* file) {
     scene.hear(seconds(1));
     scene.await_update();
   });
-  for (const Row& row : rows) print(file, middleware, c, row);
+  for (const Row& row : rows) print(middleware, c, row);
 }
 
 std::vector<Case> cases() {
   std::vector<Case> all;
-  const auto add = [&](int envs, int agents, int actors) -> Case& {
-    Case c;
-    c.envs = envs, c.agents = agents, c.actors = actors;
-    all.push_back(c);
-    return all.back();
-  };
-  for (const int envs : {2, 4, 8, 16}) add(envs, 1, 0).runs = false;
-  {
-    Case& c = add(8, 1, 0);
-    c.runs = false;
-    c.ports = true;
-  }
-  for (const int envs : {1, 2, 4, 8}) add(envs, 16, 1);
-  for (const int agents : {1, 4, 64}) add(1, agents, 1);
-  add(8, 1, 1);
-  add(8, 64, 1);
-  add(2, 16, 2);
-  add(4, 16, 2);
-  add(8, 16, 2);
-  add(4, 16, 4);
-  add(8, 16, 4);
-  add(8, 64, 4);
-  add(8, 64, 4).large = true;
-  add(1, 64, 1).dimension = 256;  // by reference: 64 KiB do not fit one datagram
-  add(4, 64, 2).dimension = 256;
-  for (const char* observing : {"whole", "by_reference"}) add(1, 16, 0).observing = observing;
-  for (const char* observing : {"whole", "by_reference"}) {
-    Case& c = add(1, 64, 0);
-    c.observing = observing;
-    c.dimension = 256;
-  }
-  add(1, 16, 1).agent = "features";
-  add(2, 16, 2).agent = "features";
-  add(2, 16, 1).dashboard = true;
-  add(2, 16, 1).encoder = true;
+  for (const int envs : {2, 4, 8, 16}) all.push_back({.envs = envs, .agents = 1, .actors = 0, .runs = false});
+  all.push_back({.envs = 8, .agents = 1, .actors = 0, .runs = false, .ports = true});
+  for (const int envs : {1, 2, 4, 8}) all.push_back({.envs = envs});
+  for (const int agents : {1, 4, 64}) all.push_back({.agents = agents});
+  for (const auto& [envs, agents, actors] :
+       {std::array{8, 1, 1}, {8, 64, 1}, {2, 16, 2}, {4, 16, 2}, {8, 16, 2}, {4, 16, 4}, {8, 16, 4}, {8, 64, 4}})
+    all.push_back({.envs = envs, .agents = agents, .actors = actors});
+  all.push_back({.envs = 8, .agents = 64, .actors = 4, .large = true});
+  all.push_back({.agents = 64, .dimension = 256});  // by reference: 64 KiB do not fit one datagram
+  all.push_back({.envs = 4, .agents = 64, .actors = 2, .dimension = 256});
+  for (const auto& [agents, dimension] : {std::pair{16, 64}, {64, 256}})
+    for (const char* observing : {"whole", "by_reference"})
+      all.push_back({.agents = agents, .actors = 0, .dimension = dimension, .observing = observing});
+  all.push_back({.agent = "features"});
+  all.push_back({.envs = 2, .actors = 2, .agent = "features"});
+  all.push_back({.envs = 2, .dashboard = true});
+  all.push_back({.envs = 2, .encoder = true});
   return all;
 }
 
@@ -408,8 +446,8 @@ int main(int argc, char** argv) {
   app.add_option("middleware", middleware, "cyclonedds or fastdds")->capture_default_str();
   app.add_option("cases", wanted, "regular expression of the cases to measure; all by default");
   return bench::run(app, argc, argv, [&] {
-    std::printf("%s\n", kColumns);
+    print_columns();
     for (const Case& c : cases())
-      if (std::regex_search(describe(c), std::regex(wanted))) measure(c, middleware, stdout);
+      if (std::regex_search(describe(c), std::regex(wanted))) measure(c, middleware);
   });
 }
