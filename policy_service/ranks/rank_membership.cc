@@ -11,16 +11,10 @@
 #include "core/files/json.h"
 #include "core/util/error.h"
 #include "core/util/random.h"
+#include "core/util/sha256.h"
 
 namespace citylearn {
 namespace {
-
-/// Returns the same number in all processes (FNV-1a).
-std::uint64_t hash_of(const std::string& text) {
-  std::uint64_t hash = 0xcbf29ce484222325ull;
-  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3ull;
-  return hash;
-}
 
 template <class Number>
 bool contains_number(const std::vector<Number>& all, Number one) {
@@ -58,7 +52,9 @@ RankMembership::RankMembership(const Options& options, std::uint64_t incarnation
   status_.rank(static_cast<std::uint32_t>(options.rank));
   status_.ranks(static_cast<std::uint32_t>(options.ranks));
   status_.host(options.host);
-  status_.identity(hash_of(options.identity));
+  Sha256 identity;
+  identity.add(options.identity);
+  status_.identity(identity.first_8_bytes());
 }
 
 void RankMembership::take(const Status& status, Clock::time_point now) {
