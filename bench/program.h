@@ -7,13 +7,6 @@
 
 namespace citylearn::bench {
 
-/// Returns the command line of a service in a session of this process.
-inline testing::Arguments on_wire(testing::Arguments command, const std::string& middleware, int domain,
-                                  const std::string& session = "bench-" + std::to_string(getpid())) {
-  command.insert(command.end(), {"--middleware", middleware, "--domain", std::to_string(domain), "--session", session});
-  return command;
-}
-
 /// Waits until the program has ended and returns its output. Throws Error unless its exit status is 0.
 inline std::string finish(testing::Service& program, const std::string& what) {
   if (program.wait(std::chrono::minutes(20)) != 0) throw Error(what + " failed:\n" + program.output());

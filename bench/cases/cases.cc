@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/cases/cases.h"
 
-#include "bench/program.h"
-
 namespace citylearn::bench {
 
 void take_turns(std::span<Contender> contenders, int rounds, bool warm_each) {
@@ -21,7 +19,7 @@ Session::Session(std::string middleware) : middleware_(std::move(middleware)) {
 }
 
 testing::Service& Session::start(testing::Arguments command, const std::string& name) {
-  command = on_wire(std::move(command), middleware_, kDomain, name_);
+  command.insert(command.end(), {"--middleware", middleware_, "--domain", std::to_string(kDomain), "--session", name_});
   services_.push_back(std::make_unique<testing::Service>(command, folder_ / (name + ".log")));
   return *services_.back();
 }

@@ -97,8 +97,8 @@ Cost train(const Layout& layout) {
           done["actors_waited_s"]};
 }
 
-/// Trains in each layout by turns and prints what each costs: medians, the ratio to the first one's rate that of the
-/// same round.
+/// Trains in each layout by turns and prints what each costs: medians. A ratio is that to the first layout's rate in
+/// the same round.
 void compare(const std::vector<Layout>& layouts, int rounds) {
   std::vector<std::vector<Cost>> costs(layouts.size());
   for (int round = 0; round < rounds; ++round)
