@@ -26,7 +26,7 @@ struct RankOptions {
 class RankNode {
  public:
   using Idle = std::function<void()>;
-  /// Throws Error when there is no network.
+  /// Throws Error when its middleware cannot be created.
   explicit RankNode(const RankOptions& options);
   ~RankNode();
   RankNode(const RankNode&) = delete;

@@ -361,7 +361,7 @@ void LearnerRun::train() {
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);
   bool computing = false;  // by a caller that waits for messages no longer than compute() does
   while (!ended()) {
-    context_.spin(computing ? 0 * kStopCheckInterval : kStopCheckInterval);
+    context_.spin(computing ? std::chrono::milliseconds(0) : kStopCheckInterval);
     const bool ready = server_->ready();
     computing = ready && compute && !compute(server_->batch());
     if (computing) continue;

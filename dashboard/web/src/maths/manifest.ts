@@ -41,7 +41,7 @@ function addLeaves(leaves: Map<string, string>, value: Json, name: string): void
   else for (const [key, inner] of Object.entries(value)) addLeaves(leaves, inner, `${name}.${key}`);
 }
 
-/** Returns all options of several runs, by name. A run without a manifest differs in nothing; where its files are is no option. */
+/** Returns all options of several runs, by name. Leaves out where files are. A run without a manifest never makes an option differ. */
 export function compareManifests(manifests: readonly (Manifest | null)[]): Fact[] {
   const runs = manifests.map((manifest) => {
     const leaves = new Map<string, string>();
