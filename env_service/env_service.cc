@@ -123,10 +123,8 @@ class EnvService {
   msg::Action action_;
   msg::TaskSettings taken_settings_;
   msg::TraversalRequest request_;
-  msg::ImageRequest image_request_;
   msg::EpisodeAcknowledgement acknowledgement_;
   msg::EpisodeStat episode_;
-  msg::MapRequest map_request_;
   msg::ServiceStatus status_;
 };
 
@@ -152,8 +150,6 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   node_.create_reader<msg::Action>();
   node_.create_reader<msg::TraversalRequest>();
   node_.create_reader<msg::EpisodeAcknowledgement>();
-  node_.create_reader<msg::MapRequest>();
-  if (traversal_.images) node_.create_reader<msg::ImageRequest>();
   node_.create_writer<msg::TraversalInfo>();
   node_.create_writer<msg::Observation>();
   node_.create_writer<msg::EpisodeStat>();
@@ -170,7 +166,7 @@ void EnvService::run(const std::function<bool()>& stop) {
     take_messages();
     now_ = Clock::now();
     do_due_work();
-    node_.wait(server_.send_pictures() ? now_ : std::min(next_due(), now_ + kStopCheckInterval));
+    node_.wait(server_.send_objects() ? now_ : std::min(next_due(), now_ + kStopCheckInterval));
   }
   leave();
 }
@@ -181,8 +177,7 @@ void EnvService::take_messages() {
   while (node_.take(taken_settings_)) on_settings(taken_settings_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   while (node_.take(request_)) on_request(request_);
-  while (node_.take(map_request_)) server_.answer(map_request_);
-  while (traversal_.images && node_.take(image_request_)) server_.note(image_request_);
+  server_.take_requests();
   while (node_.take(status_)) on_status(status_);
 }
 
@@ -476,8 +471,8 @@ void EnvService::leave() {
     now_ = Clock::now();
     while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
     // Messages that are not taken would wake the wait again and again.
-    discard(status_, action_, taken_settings_, request_, map_request_);
-    if (traversal_.images) discard(image_request_);
+    discard(status_, action_, taken_settings_, request_);
+    server_.take_requests();
   }
   if (outbox_.kept() == 0)
     spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, outbox_.episodes());

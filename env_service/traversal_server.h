@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <deque>
-#include <map>
-#include <string>
-
+#include "core/exchange/object.h"
 #include "core/wire/node.h"
 #include "env_service/environment.h"
 
 namespace citylearn {
 
-/// Answers requests for the data of an environment's traversal: features and positions, image files, and positions for
-/// maps. Every answer may be lost and asked for again. Used by the node's thread.
+/// Answers requests for the data of an environment's traversal: features and positions, image files, and its map. Every
+/// answer may be lost and asked for again. Used by the node's thread.
 class TraversalServer {
  public:
   /// `node` and `environment` must outlive it.
@@ -24,48 +21,32 @@ class TraversalServer {
   bool can_answer(const msg::TraversalRequest& request) const;
   /// Publishes the chunks asked for.
   void answer(const msg::TraversalRequest& request);
-  void answer(const msg::MapRequest& request);
-  /// Notes the pictures asked for, but for those that are on their way already: a service that waits long for a slow
-  /// picture asks again.
-  void note(const msg::ImageRequest& request);
-  /// Sends one picture to each service that asked. Returns whether more are to be sent.
-  bool send_pictures();
+  /// Takes requests for pictures and the map.
+  void take_requests();
+  /// Sends one picture and the map to each service that asked. Returns whether more are to be sent.
+  bool send_objects();
 
  private:
-  struct WantedPicture {
-    std::uint32_t frame, first_chunk;
-  };
-  /// The pictures that one service asked for.
-  struct PictureOrder {
-    std::deque<WantedPicture> pictures;
-    std::uint32_t most_chunks = 0;  // that it expects
-  };
-  struct SentPicture {
-    Clock::time_point at;
-    std::uint32_t next_chunk;  // all before it were sent
-  };
-
-  template <class Request>
-  bool addressed(const Request& request) const {
-    return request.environment() == node_.options().id && request.hash() == environment_.traversal_hash();
+  bool addressed(const std::string& id, std::uint64_t hash) const {
+    return id == node_.options().id && hash == environment_.traversal_hash();
   }
-  void read_image(std::uint32_t frame, std::string& name);
-  void send_picture(const std::string& service, PictureOrder& order);
+  Bytes image(std::uint64_t frame);
+  Bytes map() const;
 
   Node& node_;
   const Environment& environment_;
   const Traversal& traversal_;
   const std::uint32_t frames_;
 
-  Bytes image_;           // file of the frame asked for last: a large one is asked for in several requests
-  int image_frame_ = -1;  // that frame; -1: none
-  std::map<std::string, PictureOrder> orders_;                         // by the id of the service that asked
-  std::map<std::pair<std::string, std::uint32_t>, SentPicture> sent_;  // a moment ago, by service and frame
+  ObjectServer images_, maps_;
+  Bytes file_;  // of a picture
 
   // Members, so that an answer allocates nothing.
   msg::TraversalChunk chunk_;
+  msg::ImageRequest image_request_;
   msg::ImageChunk image_chunk_;
-  msg::MapChunk map_chunk_;
+  msg::RouteMapRequest map_request_;
+  msg::RouteMapChunk map_chunk_;
 };
 
 }  // namespace citylearn

@@ -10,6 +10,9 @@ It reads one declaration a line, and annotations that begin a comment, so that I
   //@topic(PROFILE)    above a struct: it is a message, sent on topics of its own with this QoS profile. Behind it may stand
                        which topics: @to(FIELD): that of the service whose id is in FIELD (in a field that may be empty: of
                        all); @from: that of its sender; @from(all): that of its sender and that of all; nothing: that of all
+  //@request, //@chunk  above a struct, with @to: it is sent under other names, one for each kind of object
+  //@object            above a struct NAME: it is a kind of object. The request becomes the message NAMERequest, the chunk
+                       the message NAMEChunk, with topics of their own; the struct is what an object's bytes are
   //@length(OTHER)     behind a sequence: it has as many entries as OTHER; OTHER+1: one more
   //@finite            behind a float, a double or a sequence of them: NaN and infinities are refused
   //@name              behind a string: it follows the rule for names (core/util/name.h); name(optional): or is empty
@@ -22,13 +25,18 @@ import re
 import sys
 
 PROFILES = ("state", "command", "durable")
+ROLES = {"request": "command", "chunk": "durable"}  # of objects, with their profiles
 NUMBERS = ("octet|boolean|short|unsigned short|long|unsigned long|long long|unsigned long long|float|double")
 
 
 class Struct:
     def __init__(self, name, profile, addressing):
         self.name, self.profile, self.addressing, self.fields, self.checks, self.metrics = name, profile, addressing, {}, [], []
-        self.topic = "citylearn/" + re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+    def entry(self, name, profile):
+        """The entry of the list of messages for this struct under a name."""
+        topic = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+        return f'  X({name}, "citylearn/{topic}", k{profile.title()}, {self.enumerator()}) \\'
 
     def enumerator(self):
         """The enumerator of Addressing (core/wire/messages.h)."""
@@ -76,7 +84,7 @@ class Idl:
                 other = re.search(r', "(\w+)"', check)
                 if other and "sequence" not in self.open.fields.get(other[1], ""):
                     raise ValueError(f"{self.open.name} has no sequence '{other[1]}'")
-            if self.open.profile and [*self.open.fields.values()][:1] != ["Header"]:
+            if self.open.profile not in (None, "object") and [*self.open.fields.values()][:1] != ["Header"]:
                 raise ValueError(f"{self.open.name} has a topic, so its first field must be a Header")
             note, argument = self.open.addressing
             if note == "to" and self.open.fields.get(argument) != "string<64>":
@@ -89,9 +97,10 @@ class Idl:
         elif found := re.match(r"enum (\w+) \{.*\b(\w+)\s*\}", code):
             self.enums[found[1]] = found[2]
         elif notes:
-            if notes[0][0] != "topic" or notes[0][1] not in PROFILES:
-                raise ValueError(f"expected //@topic(PROFILE), PROFILE one of {', '.join(PROFILES)}")
-            self.profile = notes[0][1]
+            role, profile = notes[0]
+            if (role, profile) not in ([("topic", name) for name in PROFILES] + [(name, "") for name in (*ROLES, "object")]):
+                raise ValueError(f"expected //@topic(PROFILE), PROFILE one of {', '.join(PROFILES)}, or //@object")
+            self.profile = profile or role
             if notes[1:]:
                 self.addressing = notes[1]
                 if len(notes) > 2 or self.addressing[0] not in ("to", "from") or self.addressing[1:] not in (("",), ("all",)) and (
@@ -159,12 +168,15 @@ def main(folder, *paths):
     for path in paths:
         idl.read(path)
     structs = idl.structs.values()
+    objects = [s for s in structs if s.profile == "object"]
+    roles = [s for s in structs if s.profile in ROLES]
+    kinds = [(f"{kind.name}{role.profile.title()}", role) for kind in objects for role in roles]
     write(f"{folder}/idl/forward.h", "#include <cstdint>", "namespace citylearn::msg {",
-          *(f"class {struct.name};" for struct in structs), *(f"enum {name} : std::uint32_t;" for name in idl.enums), "}")
+          *(f"class {name};" for name in [*(s.name for s in structs), *(name for name, _ in kinds)]), *(f"enum {name} : std::uint32_t;" for name in idl.enums), "}")
     functions = []
     for struct in structs:
         functions += ["template <class Message, class Visitor>",
-                      f"  requires std::same_as<std::remove_const_t<Message>, {struct.name}>",
+                      f"  requires std::derived_from<std::remove_const_t<Message>, {struct.name}>",
                       "void visit(Message& m, Visitor& visitor) {", *idl.visits(struct), "}",
                       "template <class Check>",
                       f"void check_fields([[maybe_unused]] const {struct.name}& m, [[maybe_unused]] Check& check) {{",
@@ -172,13 +184,18 @@ def main(folder, *paths):
         if struct.metrics:
             functions += [f"template <class Visitor>\nvoid visit_metrics(const {struct.name}& m, Visitor visitor) {{",
                           *struct.metrics, "}"]
-        if struct.profile:
+        if struct.profile not in (None, "object"):
             functions += [f"inline std::string receiver_of([[maybe_unused]] const {struct.name}& m) {{",
                           f"  return {struct.receiver()};", "}"]
+        functions += [f'constexpr const char* type_of(const {struct.name}*) {{ return "citylearn::msg::{struct.name}"; }}']
+    files = [f'#include "idl/{os.path.basename(path)[:-4]}.h"' for path in idl.files]
+    classes = [f"class {name} : public {role.name} {{}};" for name, role in kinds]
+    write(f"{folder}/idl/objects.h", *files, "namespace citylearn::msg {", *classes, "}")
     write(f"{folder}/idl/message_fields.h", "#include <concepts>", "#include <string>", "#include <type_traits>",
-          *(f'#include "idl/{os.path.basename(path)[:-4]}.h"' for path in idl.files),
-          "namespace citylearn::msg {", *functions, "}", "#define CITYLEARN_MESSAGES(X) \\",
-          *(f'  X({s.name}, "{s.topic}", k{s.profile.title()}, {s.enumerator()}) \\' for s in structs if s.profile), "")
+          '#include "idl/objects.h"', "namespace citylearn::msg {", *functions, "}",
+          "#define CITYLEARN_OBJECTS(X) \\", *(f"  X({kind.name}) \\" for kind in objects), "",
+          "#define CITYLEARN_MESSAGES(X) \\", *(s.entry(s.name, s.profile) for s in structs if s.profile in PROFILES),
+          *(role.entry(name, ROLES[role.profile]) for name, role in kinds), "")
 
 
 if __name__ == "__main__":

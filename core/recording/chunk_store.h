@@ -9,6 +9,7 @@
 #include <string>
 #include <tuple>
 
+#include "core/exchange/object.h"
 #include "core/wire/messages.h"
 
 namespace citylearn {
@@ -19,20 +20,19 @@ class ChunkStore {
  public:
   static constexpr std::size_t kMaxPictureBytes = 256u << 20;  ///< beyond them the oldest pictures are forgotten
 
-  /// Keeps a MapChunk or an ImageChunk. Returns false for other topics, and for bytes that cannot be decoded.
+  /// Keeps a RouteMapChunk or an ImageChunk. Returns false for other topics, and for bytes that cannot be decoded.
   bool keep(const Topic& topic, std::span<const std::byte> bytes);
 
   /// Called with the recorded sender and the bytes that answer, on this topic.
   using Send = std::function<void(const Topic& topic, const msg::Header& sender, const Bytes& bytes)>;
-  void answer(const msg::MapRequest& request, const Send& send);
-  void answer(const msg::ImageRequest& request, const Send& send);
+  /// Answers a request on the topic of requests for maps or for pictures.
+  void answer(const Topic& topic, const msg::ObjectRequest& request, const Send& send);
 
  private:
-  using Place = std::tuple<std::string, std::uint64_t, std::uint32_t>;                 // env_service, hash, first frame
-  using Piece = std::tuple<std::string, std::uint64_t, std::uint32_t, std::uint32_t>;  // likewise, frame, chunk
+  using Piece = std::tuple<std::string, ObjectKey, std::uint32_t>;  // env_service, key, chunk
   void forget_oldest();
 
-  std::map<Place, msg::MapChunk> maps_;
+  std::map<Piece, msg::RouteMapChunk> maps_;
   std::map<Piece, msg::ImageChunk> pictures_;
   std::deque<Piece> by_age_;  ///< of pictures_
   std::size_t picture_bytes_ = 0;

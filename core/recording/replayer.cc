@@ -43,7 +43,7 @@ bool is(const Topic& topic, const Topic& other) { return topic.name == other.nam
 std::vector<std::string> watched_topics() {
   return {topic_of<msg::ServiceStatus>().name, topic_of<msg::TraversalInfo>().name, topic_of<msg::RunInfo>().name,
           topic_of<msg::TrainingStat>().name,  topic_of<msg::EpisodeStat>().name,   topic_of<msg::Scene>().name,
-          topic_of<msg::MapChunk>().name,      topic_of<msg::ImageChunk>().name};
+          topic_of<msg::RouteMapChunk>().name, topic_of<msg::ImageChunk>().name};
 }
 
 double replay_speed(const std::string& text) {
@@ -81,7 +81,7 @@ void Replayer::hear() {
   for (const auto& [service, inbox] : inboxes_) {
     take(*inbox.acknowledgements, [this] { on_acknowledgement(); });
     take(*inbox.stat_requests, [this] { on_request(); });
-    take(*inbox.map_requests, [this] { on_chunk_request<msg::MapRequest>(); });
+    take(*inbox.map_requests, [this] { on_chunk_request<msg::RouteMapRequest>(); });
     take(*inbox.image_requests, [this] { on_chunk_request<msg::ImageRequest>(); });
   }
 }
@@ -94,7 +94,7 @@ void Replayer::open_inbox(const std::string& session, const std::string& sender)
     return middleware_.create_subscription(topic_at(topic, session, sender));
   };
   inboxes_[key] = {subscribe(topic_of<msg::EpisodeAcknowledgement>()), subscribe(topic_of<msg::TrainingStatRequest>()),
-                   subscribe(topic_of<msg::MapRequest>()), subscribe(topic_of<msg::ImageRequest>())};
+                   subscribe(topic_of<msg::RouteMapRequest>()), subscribe(topic_of<msg::ImageRequest>())};
 }
 
 void Replayer::on_acknowledgement() {
@@ -139,7 +139,7 @@ template <class Request>
 void Replayer::on_chunk_request() {
   Request request;
   decode(std::span<const std::byte>(taken_), request);
-  chunks_.answer(request, [this](const Topic& topic, const msg::Header& from, const Bytes& bytes) {
+  chunks_.answer(topic_of<Request>(), request, [this](const Topic& topic, const msg::Header& from, const Bytes& bytes) {
     writer(topic, topic, {from.sender().c_str(), from.incarnation()}).publisher->publish(bytes);
     ++figures_.repeated;
   });

@@ -8,10 +8,10 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/exchange/blob.h"
 #include "core/task/path.h"
 #include "core/util/name.h"
 #include "core/util/sha256.h"
-#include "core/wire/blob.h"
 #include "core/wire/cdr.h"
 #include "core/wire/transfer.h"
 #include "idl/message_fields.h"
@@ -186,6 +186,14 @@ void require_actions(const std::vector<std::uint8_t>& actions, bool none, const 
 template <class Message>
 void check(const Message&, const std::string&) {}
 
+template <std::derived_from<ObjectChunk> Message>
+void check(const Message& m, const std::string& type) {
+  if (m.total_bytes() > MAX_OBJECT) refuse(type, "total_bytes", "must be at most " + std::to_string(MAX_OBJECT));
+  const std::size_t size = chunk_size(m.chunk(), m.total_bytes());
+  if (m.chunk() > 0 && size == 0) refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " is beyond the object");
+  if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
+}
+
 void check(const Observation& m, const std::string& type) {
   const std::size_t features = m.frame().size() * m.feature_dimension();  // 32 bits times at most 256: no overflow
   if (m.features().size() != features)
@@ -207,10 +215,9 @@ void check_frames(std::uint32_t frames, const std::string& type) {
   if (frames < 1 || frames > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
 }
 
-void check(const MapChunk& m, const std::string& type) {
+void check(const RouteMap& m, const std::string& type) {
   const std::size_t places = m.position().size();
-  check_frames(m.frames(), type);
-  if (m.first() > m.frames() || places > m.frames() - m.first()) refuse(type, "position", "goes beyond the last frame");
+  check_frames(static_cast<std::uint32_t>(places), type);
   if (!m.latitude().empty() && m.latitude().size() != places)
     refuse(type, "latitude", counts(m.latitude().size(), places));
 }
@@ -238,13 +245,6 @@ void check(const TraversalChunk& m, const std::string& type) {
     refuse(type, "data", counts(m.data().size(), layout.bytes(m.chunk())));
 }
 
-void check(const ImageChunk& m, const std::string& type) {
-  if (m.total_bytes() > MAX_IMAGE) refuse(type, "total_bytes", "must be at most " + std::to_string(MAX_IMAGE));
-  const std::size_t size = chunk_size(m.chunk(), m.total_bytes());
-  if (m.chunk() > 0 && size == 0) refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " is beyond the image");
-  if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
-}
-
 void check(const DescriptorStatus& m, const std::string& type) {
   check_frames(m.frames(), type);
   if (m.dimension() > MAX_DESCRIPTOR) refuse(type, "dimension", "must be at most " + std::to_string(MAX_DESCRIPTOR));
@@ -255,21 +255,9 @@ void check(const DescriptorStatus& m, const std::string& type) {
       if (block >= blocks) refuse(type, field, "block " + std::to_string(block) + " of " + std::to_string(blocks));
 }
 
-void check_block(std::uint32_t block, const std::string& type) {
-  if (block >= MAX_BLOCKS) refuse(type, "block", "must be below " + std::to_string(MAX_BLOCKS));
-}
-
-void check(const DescriptorRequest& m, const std::string& type) { check_block(m.block(), type); }
-
-void check(const DescriptorChunk& m, const std::string& type) {
-  check_block(m.block(), type);
-  if (m.frames() == 0) refuse(type, "frames", "names none");
+void check(const Descriptor& m, const std::string& type) {
   if (m.dimension() < 1 || m.dimension() > MAX_DESCRIPTOR)
     refuse(type, "dimension", "must be 1.." + std::to_string(MAX_DESCRIPTOR));
-  const std::uint64_t total = std::uint64_t(std::popcount(m.frames())) * m.dimension() * sizeof(float);
-  const std::size_t size = chunk_size(m.chunk(), total);
-  if (size == 0) refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " is beyond the block");
-  if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
 }
 
 void check(const PolicyParameters& m, const std::string& type) {
@@ -289,13 +277,13 @@ void check(const Trajectory& m, const std::string& type) {
 
 template <class Message>
 struct Describe;
-#define CITYLEARN_DESCRIBE(TYPE, NAME, PROFILE, ADDRESSING)          \
-  template <>                                                        \
-  struct Describe<TYPE> {                                            \
-    static constexpr const char* name = NAME;                        \
-    static constexpr const char* type = "citylearn::msg::" #TYPE;    \
-    static constexpr Profile profile = Profile::PROFILE;             \
-    static constexpr Addressing addressing = Addressing::ADDRESSING; \
+#define CITYLEARN_DESCRIBE(TYPE, NAME, PROFILE, ADDRESSING)                   \
+  template <>                                                                 \
+  struct Describe<TYPE> {                                                     \
+    static constexpr const char* name = NAME;                                 \
+    static constexpr const char* type = type_of(static_cast<TYPE*>(nullptr)); \
+    static constexpr Profile profile = Profile::PROFILE;                      \
+    static constexpr Addressing addressing = Addressing::ADDRESSING;          \
   };
 CITYLEARN_MESSAGES(CITYLEARN_DESCRIBE)
 
@@ -364,16 +352,17 @@ std::string base_topic(const std::string& name) {
   return slash == name.npos ? name : std::string(kPrefix) + name.substr(slash + 1);
 }
 
+namespace {
+
 template <class Message>
-void encode(const Message& message, Bytes& bytes) {
-  Checker checker(topic_of<Message>().type);
+void write_checked(const std::string& type, const Message& message, Bytes& bytes) {
+  Checker checker(type);
   visit(message, checker);
   write_cdr(message, bytes);
 }
 
 template <class Message>
-void decode(std::span<const std::byte> bytes, Message& message) {
-  const std::string& type = topic_of<Message>().type;
+void read_checked(const std::string& type, std::span<const std::byte> bytes, Message& message) {
   if (bytes.size() < kEncapsulation) throw Error("cut short", type);
   // fastcdr also reads parameter lists, which nothing else here reads (core/recording/wire_header).
   const auto encapsulation = std::to_integer<unsigned>(bytes[0]) << 8 | std::to_integer<unsigned>(bytes[1]);
@@ -399,6 +388,32 @@ void decode(std::span<const std::byte> bytes, Message& message) {
   check(message, type);
 }
 
+}  // namespace
+
+template <class Message>
+void encode(const Message& message, Bytes& bytes) {
+  write_checked(topic_of<Message>().type, message, bytes);
+}
+
+template <class Message>
+void decode(std::span<const std::byte> bytes, Message& message) {
+  read_checked(topic_of<Message>().type, bytes, message);
+}
+
+template <class Object>
+Bytes encode_object(const Object& object) {
+  Bytes bytes;
+  write_checked(type_of(&object), object, bytes);
+  return bytes;
+}
+
+template <class Object>
+Object decode_object(std::span<const std::byte> bytes) {
+  Object object;
+  read_checked(type_of(&object), bytes, object);
+  return object;
+}
+
 // NOLINTBEGIN(bugprone-macro-parentheses): TYPE is a type
 #define CITYLEARN_INSTANTIATE(TYPE, NAME, PROFILE, ADDRESSING)   \
   template const Topic& topic_of<TYPE>();                        \
@@ -406,8 +421,12 @@ void decode(std::span<const std::byte> bytes, Message& message) {
   template std::vector<Address> addresses_of<TYPE>(const TYPE&); \
   template void encode<TYPE>(const TYPE& message, Bytes& bytes); \
   template void decode<TYPE>(std::span<const std::byte> bytes, TYPE & message);
+#define CITYLEARN_INSTANTIATE_OBJECT(TYPE)         \
+  template Bytes encode_object<TYPE>(const TYPE&); \
+  template TYPE decode_object<TYPE>(std::span<const std::byte>);
 // NOLINTEND(bugprone-macro-parentheses)
 CITYLEARN_MESSAGES(CITYLEARN_INSTANTIATE)
+CITYLEARN_OBJECTS(CITYLEARN_INSTANTIATE_OBJECT)
 
 std::vector<Topic> all_topics() {
 #define CITYLEARN_TOPIC(TYPE, NAME, PROFILE, ADDRESSING) topic_of<TYPE>(),
@@ -430,15 +449,17 @@ std::vector<Topic> topics_of_message(std::span<const std::byte> bytes) {
 }  // namespace
 
 Addressing addressing_of(const Topic& topic) {
+  const std::string name = base_topic(topic.name);
 #define CITYLEARN_ADDRESSING(TYPE, NAME, PROFILE, ADDRESSING) \
-  if (topic.type == topic_of<TYPE>().type) return Addressing::ADDRESSING;
+  if (name == topic_of<TYPE>().name) return Addressing::ADDRESSING;
   CITYLEARN_MESSAGES(CITYLEARN_ADDRESSING)
   throw Error("unknown topic", topic.name);
 }
 
 std::vector<Topic> topics_of(const Topic& topic, std::span<const std::byte> bytes) {
+  const std::string name = base_topic(topic.name);
 #define CITYLEARN_TOPICS_OF(TYPE, NAME, PROFILE, ADDRESSING) \
-  if (topic.type == topic_of<TYPE>().type) return topics_of_message<TYPE>(bytes);
+  if (name == topic_of<TYPE>().name) return topics_of_message<TYPE>(bytes);
   CITYLEARN_MESSAGES(CITYLEARN_TOPICS_OF)
   throw Error("unknown topic", topic.name);
 }

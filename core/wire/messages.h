@@ -13,7 +13,7 @@
 #include "idl/action.h"
 #include "idl/descriptor.h"
 #include "idl/episode.h"
-#include "idl/image.h"
+#include "idl/objects.h"
 #include "idl/observation.h"
 #include "idl/scene.h"
 #include "idl/status.h"
@@ -67,6 +67,13 @@ void encode(const Message& message, Bytes& bytes);
 /// for more elements than the bytes can hold.
 template <class Message>
 void decode(std::span<const std::byte> bytes, Message& message);
+
+/// Returns the bytes of an object (idl/object.idl), as encode() writes them.
+template <class Object>
+Bytes encode_object(const Object& object);
+/// Reads an object from its bytes. Throws Error as decode().
+template <class Object>
+Object decode_object(std::span<const std::byte> bytes);
 
 /// Returns the topic of all of every message type, for tools and tests.
 std::vector<Topic> all_topics();

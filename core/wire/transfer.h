@@ -7,8 +7,8 @@
 #include <span>
 #include <vector>
 
+#include "core/exchange/blob.h"
 #include "core/util/types.h"
-#include "core/wire/blob.h"
 #include "idl/traversal.h"
 
 namespace citylearn {

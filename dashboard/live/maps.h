@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/wire/blob.h"
+#include "core/exchange/object_fetch.h"
 #include "core/wire/node.h"
 #include "dashboard/store/rows.h"
 
@@ -31,11 +31,10 @@ class Maps {
  private:
   struct Fetch {
     std::string session, environment;
-    std::shared_ptr<RouteMap> map;
-    RequestTimer timer;
+    ObjectFetch object;
   };
-  void on_message(const msg::MapChunk& chunk, Clock::time_point now);
-  void request(std::uint64_t hash, Fetch& fetch, Clock::time_point now);
+  void on_message(const msg::RouteMapChunk& chunk, Clock::time_point now);
+  void keep(std::uint64_t hash, const msg::RouteMap& sent);
 
   Node& node_;
   std::map<std::uint64_t, Fetch> fetches_;
@@ -45,7 +44,8 @@ class Maps {
   };
   std::map<std::uint64_t, Kept> maps_;
   std::uint64_t uses_ = 0;
-  msg::MapChunk chunk_;
+  msg::RouteMapRequest request_;
+  msg::RouteMapChunk chunk_;
 };
 
 }  // namespace citylearn

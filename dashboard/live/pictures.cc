@@ -4,6 +4,8 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <span>
+#include <utility>
 
 #include "core/exchange/timing.h"
 #include "dashboard/live/picture_shrink.h"
@@ -28,14 +30,19 @@ void Pictures::fetch(const PictureKey& key, const Source& source) {
 bool Pictures::fetch_spare(const PictureKey& key, const Source& source, bool idle) {
   const Clock::time_point now = Clock::now();
   if (!waiting_.empty() || !fetches_.empty() || now < std::max(next_, next_spare_)) return false;
-  Fetch& fetch =
-      fetches_.try_emplace(key, Fetch{source, timer(), now, idle ? options_.idle_pause : options_.spare_pause})
-          .first->second;
-  request(key, fetch, now);
+  begin(key, source, now, idle ? options_.idle_pause : options_.spare_pause);
   return true;
 }
 
-RequestTimer Pictures::timer() const { return RequestTimer(options_.patience, RequestTimer::kDefaultTries); }
+void Pictures::begin(const PictureKey& key, const Source& source, Clock::time_point now, int pause) {
+  ObjectFetch object({.hash = key.hash,
+                      .retry = options_.patience,
+                      .most_tries = RequestTimer::kDefaultTries,
+                      .max_bytes = msg::MAX_IMAGE + 1024});
+  object.want(key.frame);
+  node_.create_reader_at<msg::ImageChunk>(node_.options().id, source.session);
+  request(fetches_.try_emplace(key, Fetch{source, std::move(object), now, pause}).first->second, now);
+}
 
 bool Pictures::fetching(const PictureKey& key) {
   if (fetches_.contains(key)) return true;
@@ -47,15 +54,13 @@ bool Pictures::fetching(const PictureKey& key) {
 void Pictures::poll(Clock::time_point now) {
   while (node_.take(chunk_)) on_message(chunk_, now);
   for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
-    if (!fetch->second.timer.is_due(now)) {
-      ++fetch;
-    } else if (fetch->second.timer.gave_up(now)) {
+    if (fetch->second.object.gave_up(now)) {
       spdlog::log(fetch->second.pause > 0 ? spdlog::level::debug : spdlog::level::warn,
                   "frame {} of {:016x} does not arrive from '{}'", fetch->first.frame, fetch->first.hash,
                   fetch->second.source.environment);
       fetch = fetches_.erase(fetch);
     } else {
-      request(fetch->first, fetch->second, now);
+      request(fetch->second, now);
       ++fetch;
     }
   }
@@ -69,60 +74,57 @@ void Pictures::poll(Clock::time_point now) {
   const auto [key, source] = newest_next_ ? waiting_.back() : waiting_.front();
   newest_next_ ? waiting_.pop_back() : waiting_.pop_front();
   next_ = now + options_.between;
-  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer(), now}).first->second;
-  request(key, fetch, now);
+  begin(key, source, now, 0);
 }
 
 Clock::time_point Pictures::due() const {
   Clock::time_point due = Clock::time_point::max();
-  for (const auto& [key, fetch] : fetches_) due = std::min(due, fetch.timer.due());
+  for (const auto& [key, fetch] : fetches_) due = std::min(due, fetch.object.due());
   if (!waiting_.empty() && fetches_.size() < kMaxFetches) due = std::min(due, next_);
   return due;
 }
 
-void Pictures::request(const PictureKey& key, Fetch& fetch, Clock::time_point now) {
-  node_.create_reader_at<msg::ImageChunk>(node_.options().id, fetch.source.session);
-  fetch.timer.sent(now, msg::MAX_CHUNKS_ASKED);
-  msg::ImageRequest message;
-  message.environment() = fetch.source.environment.c_str();
-  message.hash() = key.hash;
-  message.frames() = {key.frame};
-  message.first_chunk() = fetch.file ? fetch.file->chunks.first_missing() : 0;
-  node_.publish(message, fetch.source.session);
+void Pictures::request(Fetch& fetch, Clock::time_point now) {
+  request_.server() = fetch.source.environment.c_str();
+  if (fetch.object.ask(now, request_)) node_.publish(request_, fetch.source.session);
 }
 
 void Pictures::on_message(const msg::ImageChunk& chunk, Clock::time_point now) {
-  const auto found = fetches_.find({chunk.hash(), chunk.frame()});
+  const auto found = fetches_.find({chunk.hash(), static_cast<std::uint32_t>(chunk.item())});
   if (found == fetches_.end()) return;
   Fetch& fetch = found->second;
-  if (!fetch.file) {
-    fetch.file.emplace(chunk.total_bytes());
-    if (fetch.pause > 0)
-      next_spare_ = now + std::chrono::milliseconds(1000 * std::uint64_t{chunk.total_bytes()} / options_.spare_rate);
+  if (!std::exchange(fetch.arrives, true) && fetch.pause > 0)
+    next_spare_ = now + std::chrono::milliseconds(1000 * std::uint64_t{chunk.total_bytes()} / options_.spare_rate);
+  if (fetch.object.take(chunk, now) == Taken::kDamaged) ++node_.traffic.rejected;
+  const auto object = fetch.object.next();
+  if (!object) {
+    request(fetch, now);
+    return;
   }
-  if (fetch.file->total_bytes() != chunk.total_bytes()) return;
-  if (fetch.file->take(chunk.chunk(), chunk.data()) != Taken::kYes) return;
-  fetch.timer.answered(now);
-  if (fetch.file->complete()) {
+  try {
+    const auto image = decode_object<msg::Image>(object->bytes);
     if (fetch.pause > 0)
       next_spare_ =
           std::max(next_spare_, now + std::min<Clock::duration>(fetch.pause * (now - fetch.begun), kPauseMax));
-    shrink_later(found->first, fetch.file->release(), chunk.name().c_str());
+    shrink_later(found->first, image);
     fetches_.erase(found);
-  } else if (fetch.timer.is_due(now)) {
-    request(found->first, fetch, now);
+  } catch (const Error&) {  // there is none, or it means nothing
+    ++node_.traffic.rejected;
+    fetch.object.refuse(object->item);
   }
 }
 
-void Pictures::shrink_later(const PictureKey& key, Bytes file, const std::string& name) {
-  if (file.empty()) {
+void Pictures::shrink_later(const PictureKey& key, const msg::Image& image) {
+  const std::string name = image.name().c_str();
+  if (image.file().empty()) {
     spdlog::warn("frame {} of {:016x}: {}", key.frame, key.hash, name);
     cache_.put(key, {});
     return;
   }
+  const auto file = std::as_bytes(std::span(image.file()));
   {
     const std::lock_guard lock(mutex_);
-    originals_.push_back({key, std::move(file), name});
+    originals_.push_back({key, Bytes(file.begin(), file.end()), name});
   }
   wake_.notify_one();
 }

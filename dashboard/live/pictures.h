@@ -5,14 +5,13 @@
 #include <deque>
 #include <map>
 #include <mutex>
-#include <optional>
 #include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "core/exchange/object_fetch.h"
 #include "core/exchange/timing.h"
-#include "core/wire/blob.h"
 #include "core/wire/node.h"
 #include "dashboard/live/picture_cache.h"
 
@@ -55,15 +54,15 @@ class Pictures {
  private:
   struct Fetch {
     Source source;
-    RequestTimer timer;
+    ObjectFetch object;
     Clock::time_point begun;
-    int pause = 0;                  // 0: somebody waits for it
-    std::optional<Blob> file = {};  // once a chunk has arrived
+    int pause = 0;         // 0: somebody waits for it
+    bool arrives = false;  // a chunk has come
   };
-  RequestTimer timer() const;
+  void begin(const PictureKey& key, const Source& source, Clock::time_point now, int pause);
   void on_message(const msg::ImageChunk& chunk, Clock::time_point now);
-  void request(const PictureKey& key, Fetch& fetch, Clock::time_point now);
-  void shrink_later(const PictureKey& key, Bytes file, const std::string& name);
+  void request(Fetch& fetch, Clock::time_point now);
+  void shrink_later(const PictureKey& key, const msg::Image& image);
   void shrink_all(const std::stop_token& stop);
 
   Node& node_;
@@ -73,6 +72,7 @@ class Pictures {
   std::map<PictureKey, Fetch> fetches_;
   Clock::time_point next_{}, next_spare_{};
   bool newest_next_ = false;
+  msg::ImageRequest request_;
   msg::ImageChunk chunk_;
 
   // The thread that makes them small.

@@ -2,7 +2,6 @@
 #include "encoder_service/pipeline/descriptor_exchange.h"
 
 #include <spdlog/spdlog.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <bit>
@@ -13,15 +12,6 @@ namespace {
 
 constexpr std::size_t kMaxTraversals = 4096;  // any process may name one
 constexpr int kMinFramesAsked = 16;           // frames of a block that a peer has not finished
-constexpr int kMaxDamaged = 3;
-
-std::uint32_t checksum(std::span<const std::uint8_t> bytes) {
-  return static_cast<std::uint32_t>(::crc32_z(0, bytes.data(), bytes.size()));
-}
-
-std::uint64_t bytes_of(std::uint64_t frames, int dimension) {
-  return std::uint64_t(std::popcount(frames)) * static_cast<std::uint64_t>(dimension) * sizeof(float);
-}
 
 }  // namespace
 
@@ -91,47 +81,29 @@ void DescriptorExchange::on_status(const msg::DescriptorStatus& status, Clock::t
 }
 
 void DescriptorExchange::on_request(const msg::DescriptorRequest& request) {
-  const auto found = traversals_.find(request.hash());
-  if (found == traversals_.end() || !found->second.work) return;
+  server_.note(request);
+  while (server_.send(chunk_, [this] { node_.publish(chunk_); })) continue;
+}
+
+/// Returns the Descriptor of a key, or nothing where some of it is lacking.
+Bytes DescriptorExchange::find(const ObjectKey& key) {
+  const auto found = traversals_.find(key.hash);
+  if (found == traversals_.end() || !found->second.work) return {};
   const TraversalWork& work = *found->second.work;
   const std::span<const std::uint64_t> present = work.present();
   // Only frames that this one announced are asked for, so others are asked of another process, or forged.
-  if (work.key().encoder != request.encoder().c_str() || request.block() >= present.size() || request.frames() == 0 ||
-      (request.frames() & ~present[request.block()]) != 0)
-    return;
-  if (served_.hash != request.hash() || served_.block != request.block() || served_.frames != request.frames()) {
-    served_ = {};
-    std::vector<float> descriptor(static_cast<std::size_t>(work.key().dimension));
-    std::vector<std::uint8_t> bytes(bytes_of(request.frames(), work.key().dimension));
-    auto* to = bytes.data();
-    bool whole = true;
-    for (const int frame : BlockClaims::frames_of(static_cast<int>(request.block()), request.frames())) {
-      whole = whole && work.read(frame, descriptor);
-      std::memcpy(to, descriptor.data(), descriptor.size() * sizeof(float));
-      to += descriptor.size() * sizeof(float);
-    }
-    if (!whole) return;  // lost on the disk: the one that asks gives up and encodes them
-    served_ = {request.hash(), request.frames(), request.block(), std::move(bytes)};
-    chunk_.checksum() = checksum(served_.bytes);
+  if (key.part >= present.size() || key.item == 0 || (key.item & ~present[key.part]) != 0) return {};
+  const auto dimension = static_cast<std::size_t>(work.key().dimension);
+  msg::Descriptor object;
+  object.encoder() = work.key().encoder.c_str();
+  object.dimension() = work.key().dimension;
+  object.values().resize(static_cast<std::size_t>(std::popcount(key.item)) * dimension);
+  std::span<float> to(object.values());
+  for (const int frame : BlockClaims::frames_of(static_cast<int>(key.part), key.item)) {
+    if (!work.read(frame, to.first(dimension))) return {};  // lost on the disk: the one that asks encodes them
+    to = to.subspan(dimension);
   }
-  chunk_.receiver() = request.header().sender();
-  chunk_.hash() = request.hash();
-  chunk_.encoder() = request.encoder();
-  chunk_.dimension() = static_cast<std::uint32_t>(work.key().dimension);
-  chunk_.block() = request.block();
-  chunk_.frames() = request.frames();
-  for (const std::uint32_t chunk : request.chunks()) {
-    const auto data = chunk_size(chunk, served_.bytes.size()) == 0
-                          ? std::span<const std::uint8_t>()
-                          : chunk_of(std::span<const std::uint8_t>(served_.bytes), chunk);
-    if (data.empty()) {
-      ++node_.traffic.rejected;
-      continue;
-    }
-    chunk_.chunk() = chunk;
-    chunk_.data().assign(data.begin(), data.end());
-    node_.publish(chunk_);
-  }
+  return encode_object(object);
 }
 
 void DescriptorExchange::on_chunk(const msg::DescriptorChunk& chunk, Clock::time_point now) {
@@ -139,39 +111,39 @@ void DescriptorExchange::on_chunk(const msg::DescriptorChunk& chunk, Clock::time
   if (found == fetches_.end()) return;
   Fetch& fetch = found->second;
   Traversal& traversal = traversals_.at(fetch.hash);
-  const FeatureStore::Key& key = traversal.work->key();
-  if (chunk.hash() != fetch.hash || chunk.block() != static_cast<std::uint32_t>(fetch.block) ||
-      chunk.frames() != fetch.frames || chunk.encoder().c_str() != key.encoder ||
-      chunk.dimension() != static_cast<std::uint32_t>(key.dimension))
-    return;
-  if (fetch.blob.chunks.missing() < chunk_count(fetch.bytes) && chunk.checksum() != fetch.checksum)
-    fetch.blob = Blob(fetch.bytes);  // it was written again meanwhile
-  fetch.checksum = chunk.checksum();
-  if (fetch.blob.take(chunk.chunk(), chunk.data()) != Taken::kYes) return;
-  fetch.timer.answered(now);
-  if (!fetch.blob.complete()) return;
-  if (!finish(fetch, *traversal.work)) {
-    ++node_.traffic.rejected;
-    fetch.blob = Blob(fetch.bytes);
-    fetch.timer.ask_now();
-    if (++fetch.damaged < kMaxDamaged) return;
-    spdlog::warn("encoder_service '{}' sends damaged descriptors", chunk.header().sender().c_str());
-    traversal.claims.withhold(found->first, fetch.block);
+  bool damaged = fetch.object.take(chunk, now) == Taken::kDamaged;
+  if (const auto object = fetch.object.next()) {
+    const bool absent = object->bytes.empty();
+    if (absent) traversal.claims.withhold(found->first, fetch.block);
+    if (absent || finish(fetch, *object, *traversal.work)) {
+      fetches_.erase(found);
+      return;
+    }
+    damaged = true;
+    fetch.object.refuse(fetch.frames);
   }
-  fetches_.erase(found);
+  if (!damaged) return;
+  ++node_.traffic.rejected;
+  if (fetch.object.gave_up(now))
+    spdlog::warn("encoder_service '{}' sends damaged descriptors", chunk.header().sender().c_str());
 }
 
 /// Puts what has come to the rest. Returns false when it is damaged.
-bool DescriptorExchange::finish(Fetch& fetch, TraversalWork& work) {
-  const Bytes bytes = fetch.blob.release();
-  const auto* from = reinterpret_cast<const std::uint8_t*>(bytes.data());
-  if (checksum({from, bytes.size()}) != fetch.checksum) return false;
-  Eigen::MatrixXf descriptors(work.key().dimension, std::popcount(fetch.frames));
-  std::memcpy(descriptors.data(), from, bytes.size());
-  if (!descriptors.allFinite()) return false;
-  Eigen::Index column = 0;
-  for (const int frame : BlockClaims::frames_of(fetch.block, fetch.frames))
-    work.put_fetched(frame, descriptors.col(column++));
+bool DescriptorExchange::finish(const Fetch& fetch, const FetchedObject& object, TraversalWork& work) {
+  const FeatureStore::Key& key = work.key();
+  const int frames = std::popcount(fetch.frames);
+  try {
+    const auto descriptor = decode_object<msg::Descriptor>(object.bytes);
+    if (descriptor.encoder() != key.encoder || descriptor.dimension() != static_cast<std::uint32_t>(key.dimension) ||
+        descriptor.values().size() != static_cast<std::size_t>(frames) * static_cast<std::size_t>(key.dimension))
+      return false;
+    const Eigen::Map<const Eigen::MatrixXf> columns(descriptor.values().data(), key.dimension, frames);
+    Eigen::Index column = 0;
+    for (const int frame : BlockClaims::frames_of(fetch.block, fetch.frames))
+      work.put_fetched(frame, columns.col(column++));
+  } catch (const Error&) {
+    return false;
+  }
   return true;
 }
 
@@ -197,20 +169,14 @@ void DescriptorExchange::begin_fetch(std::uint64_t incarnation, std::uint64_t ha
       continue;
     work.look_for(block);  // with a common store they are there already
     if (wanted() == 0) continue;
-    fetches_.emplace(incarnation, Fetch{hash, block, wanted(), bytes_of(wanted(), work.key().dimension)});
+    fetches_.emplace(incarnation, Fetch{hash, block, wanted()}).first->second.object.want(wanted());
     return;
   }
 }
 
 void DescriptorExchange::ask(std::uint64_t incarnation, Fetch& fetch, Clock::time_point now) {
-  request_.encoder_service() = peers_.at(incarnation).id.c_str();
-  request_.hash() = fetch.hash;
-  request_.encoder() = traversals_.at(fetch.hash).work->key().encoder.c_str();
-  request_.block() = static_cast<std::uint32_t>(fetch.block);
-  request_.frames() = fetch.frames;
-  request_.chunks() = fetch.blob.chunks.first_missing(msg::MAX_CHUNKS_ASKED);
-  node_.publish(request_);
-  fetch.timer.sent(now, request_.chunks().size());
+  request_.server() = peers_.at(incarnation).id.c_str();
+  if (fetch.object.ask(now, request_)) node_.publish(request_);
 }
 
 void DescriptorExchange::advance(Clock::time_point now) {
@@ -219,7 +185,7 @@ void DescriptorExchange::advance(Clock::time_point now) {
     if (!peer.presence.here(now)) gone.push_back(incarnation);
   for (const std::uint64_t incarnation : gone) drop(incarnation);
   for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
-    if (!fetch->second.timer.gave_up(now)) {
+    if (!fetch->second.object.gave_up(now)) {
       ++fetch;
       continue;
     }
@@ -227,8 +193,7 @@ void DescriptorExchange::advance(Clock::time_point now) {
     fetch = fetches_.erase(fetch);
   }
   begin_fetches();
-  for (auto& [incarnation, fetch] : fetches_)
-    if (fetch.timer.is_due(now)) ask(incarnation, fetch, now);
+  for (auto& [incarnation, fetch] : fetches_) ask(incarnation, fetch, now);
   for (auto& [hash, traversal] : traversals_)
     if (traversal.claims.fill(now, traversal.work ? traversal.work->present() : std::span<const std::uint64_t>(),
                               status_))

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "core/exchange/object_fetch.h"
 #include "core/exchange/presence.h"
 #include "core/exchange/timing.h"
-#include "core/wire/blob.h"
 #include "core/wire/node.h"
 #include "encoder_service/pipeline/block_claims.h"
 #include "encoder_service/pipeline/traversal_work.h"
@@ -55,11 +55,7 @@ class DescriptorExchange {
     std::uint64_t hash;
     int block;
     std::uint64_t frames;
-    std::uint64_t bytes;
-    Blob blob{bytes};
-    std::uint32_t checksum = 0;  // of the first chunk that came
-    int damaged = 0;             // times in a row
-    RequestTimer timer{kDescriptorRetry, RequestTimer::kDefaultTries};
+    ObjectFetch object{{hash, static_cast<std::uint32_t>(block), kDescriptorRetry, RequestTimer::kDefaultTries}};
   };
 
   BlockClaims& add(std::uint64_t hash, std::uint32_t frames);
@@ -68,7 +64,8 @@ class DescriptorExchange {
   void begin_fetches();
   void begin_fetch(std::uint64_t incarnation, std::uint64_t hash, Traversal& traversal);
   void ask(std::uint64_t incarnation, Fetch& fetch, Clock::time_point now);
-  bool finish(Fetch& fetch, TraversalWork& work);
+  bool finish(const Fetch& fetch, const FetchedObject& object, TraversalWork& work);
+  Bytes find(const ObjectKey& key);
 
   Node& node_;
   const Clock::time_point started_;
@@ -76,12 +73,7 @@ class DescriptorExchange {
   std::map<std::uint64_t, Peer> peers_;            // alive, by incarnation
   std::map<std::uint64_t, Fetch> fetches_;         // at most one of each peer
 
-  // The block that was sent last, as the chunks of a large one are asked for one after the other.
-  struct Served {
-    std::uint64_t hash = 0, frames = 0;
-    std::uint32_t block = 0;
-    std::vector<std::uint8_t> bytes;
-  } served_;
+  ObjectServer server_{[this](const ObjectKey& key) { return find(key); }, node_.traffic.rejected};
 
   msg::DescriptorStatus status_;
   msg::DescriptorRequest request_;

@@ -2,28 +2,35 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <limits>
 #include <memory>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "core/exchange/object_fetch.h"
+#include "core/exchange/timing.h"
 #include "core/task/live.h"
 #include "core/util/text.h"
 #include "core/wire/transfer.h"
-#include "encoder_service/pipeline/image_fetch.h"
 #include "encoder_service/pipeline/live_features.h"
 #include "encoder_service/pipeline/traversal_work.h"
 
 namespace citylearn {
 
+/// A frame's image as it came over the wire.
+struct FetchedImage {
+  int frame = 0;
+  std::string name;  ///< for messages
+  Bytes file;        ///< empty when there is none; `name` then says why
+};
+
 /// The frames of one traversal, or of several of equal contents, on their way from images to features.
 struct EncodedTraversal {
-  EncodedTraversal(Node& node, const msg::TraversalInfo& info)
+  explicit EncodedTraversal(const msg::TraversalInfo& info)
       : hash(info.hash()),
         frames(static_cast<int>(info.frames())),
         is_live(citylearn::is_live(info)),
-        images(node, hash, is_live ? std::numeric_limits<int>::max() : frames),
+        images({.hash = hash, .retry = kImageRetry, .max_bytes = msg::MAX_IMAGE + 1024}),
         positions({hash, info.frames(), 0}) {}
 
   /// "12 s", expected until its last frame is encoded; empty while no frame was.
@@ -42,8 +49,8 @@ struct EncodedTraversal {
   std::set<std::string> names;  // of the traversals that have these frames
   std::uint64_t hash;
   int frames;
-  bool is_live;  // a robot's: pictures are encoded when observations name them
-  ImageFetch images;
+  bool is_live;        // a robot's: pictures are encoded when observations name them
+  ObjectFetch images;  // by frame
   Transfer positions;
 
   std::unique_ptr<TraversalWork> work;

@@ -87,7 +87,7 @@ EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& opti
 void EncodingPipeline::add(const msg::TraversalInfo& info) {
   const std::string name = info.traversal().c_str();
   std::unique_ptr<EncodedTraversal>& traversal = traversals_[info.hash()];
-  if (!traversal) traversal = std::make_unique<EncodedTraversal>(node_, info);
+  if (!traversal) traversal = std::make_unique<EncodedTraversal>(info);
   if (traversal->names.contains(name)) return;
   spdlog::info("traversal {} of {}: {} frames{}, from '{}'", name, info.dataset().c_str(), info.frames(),
                traversal->names.empty() ? "" : ", the same as " + traversal->name(), info.header().sender().c_str());
@@ -116,10 +116,23 @@ void EncodingPipeline::on_image(const msg::ImageChunk& chunk) {
   const auto found = traversals_.find(chunk.hash());
   if (found == traversals_.end()) return;
   EncodedTraversal& traversal = *found->second;
-  std::vector<FetchedImage> images;
-  traversal.images.on_chunk(chunk, images);
-  for (const FetchedImage& image : images) traversal.bytes += image.file.size();
-  std::move(images.begin(), images.end(), std::back_inserter(encoder_ready_ ? traversal.waiting : training_sample_));
+  if (traversal.images.take(chunk, Clock::now()) == Taken::kDamaged) ++node_.traffic.rejected;
+  while (const auto object = traversal.images.next()) {
+    const int frame = static_cast<int>(object->item);
+    try {
+      FetchedImage image{frame, fmt::format("frame {}: there is none", frame), {}};
+      if (!object->bytes.empty()) {
+        const auto sent = decode_object<msg::Image>(object->bytes);
+        const auto file = std::as_bytes(std::span(sent.file()));
+        image = {frame, sent.name().c_str(), Bytes(file.begin(), file.end())};
+      }
+      traversal.bytes += image.file.size();
+      (encoder_ready_ ? traversal.waiting : training_sample_).push_back(std::move(image));
+    } catch (const Error&) {
+      ++node_.traffic.rejected;
+      traversal.images.refuse(object->item);
+    }
+  }
 }
 
 void EncodingPipeline::advance(Clock::time_point now) {
@@ -175,7 +188,7 @@ void EncodingPipeline::learn_encoder() {
   const std::vector<int> frames = training_frames(encoder_->training_sample_count(), traversal->frames);
   spdlog::info("encoder {} learns from {} of {} frames of {}", options_.encoder, frames.size(), traversal->frames,
                traversal->name());
-  traversal->images.want(frames);
+  for (const int frame : frames) traversal->images.want(static_cast<std::uint64_t>(frame));
 }
 
 /// Restores what the encoder learned before. Returns false when that is not there or damaged.
@@ -240,7 +253,7 @@ void EncodingPipeline::encode_traversals() {
                         [first = reference()](const EncodedTraversal* traversal) { return traversal == first; });
   int ahead = 0;
   for (EncodedTraversal* traversal : order)
-    ahead += traversal->images.missing() + traversal->in_background + static_cast<int>(traversal->waiting.size());
+    ahead += static_cast<int>(traversal->images.missing() + traversal->waiting.size()) + traversal->in_background;
   for (EncodedTraversal* traversal : order) {
     if (!traversal->work) {
       FeatureStore::Key key{spec_.name, spec_.dimension, traversal->hash, traversal->frames};
@@ -279,13 +292,13 @@ void EncodingPipeline::divide_work(EncodedTraversal& traversal, int& ahead) {
     if (frames == 0) break;
     ahead += frames;
   }
-  traversal.images.want(work.take_granted(now_));
+  for (const int frame : work.take_granted(now_)) traversal.images.want(static_cast<std::uint64_t>(frame));
 }
 
 /// Drops images of frames that this service need not encode any more, unless they are being encoded.
 void EncodingPipeline::forget(EncodedTraversal& traversal, const std::vector<int>& frames) {
   if (frames.empty()) return;
-  traversal.images.drop(frames);
+  for (const int frame : frames) traversal.images.drop(static_cast<std::uint64_t>(frame));
   std::erase_if(traversal.waiting, [&](const FetchedImage& image) {
     const bool dropped = std::find(frames.begin(), frames.end(), image.frame) != frames.end();
     if (dropped) traversal.bytes -= image.file.size();
@@ -362,11 +375,8 @@ void EncodingPipeline::begin_live(EncodedTraversal& traversal) {
 
 void EncodingPipeline::want(std::uint64_t hash, std::span<const std::uint32_t> frames) {
   EncodedTraversal& traversal = *traversals_.at(hash);
-  std::vector<int> lacking;
   for (const std::uint32_t frame : frames)
-    if (!traversal.find(frame) && traversal.asked.insert(static_cast<int>(frame)).second)
-      lacking.push_back(static_cast<int>(frame));
-  traversal.images.want(lacking);
+    if (!traversal.find(frame) && traversal.asked.insert(static_cast<int>(frame)).second) traversal.images.want(frame);
 }
 
 // ---------------------------------------------------------------- Descriptors are reduced to features.
@@ -438,7 +448,9 @@ void EncodingPipeline::send_requests() {
   for (const auto& [hash, traversal] : traversals_) {
     const std::string host = find_host_(hash, "");
     if (host.empty() || (traversal->ready && !traversal->is_live)) continue;
-    if (!encoder_ready_ || traversal->bytes < kMaxBacklogBytes) traversal->images.ask(host);
+    image_request_.server() = host.c_str();
+    if ((!encoder_ready_ || traversal->bytes < kMaxBacklogBytes) && traversal->images.ask(Clock::now(), image_request_))
+      node_.publish(image_request_);
     if (traversal->is_live || !traversal->positions.ask(now_, request_)) continue;
     request_.environment() = host.c_str();
     node_.publish(request_);

@@ -94,6 +94,7 @@ class EncodingPipeline {
   Clock::time_point now_;
   std::uint64_t encoded_ = 0;
   msg::TraversalRequest request_;
+  msg::ImageRequest image_request_;
 
   // Last: their threads end before what they use. Reductions are learned while other traversals are encoded.
   BackgroundQueue encoding_, reducing_;

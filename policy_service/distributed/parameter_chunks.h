@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/wire/blob.h"
+#include "core/exchange/blob.h"
 #include "core/wire/messages.h"
 #include "policy_service/network/agent_network.h"
 

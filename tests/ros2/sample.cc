@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "core/exchange/object.h"
 #include "core/task/training_figures.h"
 #include "core/util/error.h"
 #include "tests/support/records/recordings.h"
@@ -40,37 +41,34 @@ class Sample {
     tape_.say(message, time);
   }
 
-  void map() {
-    msg::MapChunk chunk;
+  template <class Chunk>
+  void say_object(const ObjectKey& key, const auto& object, std::uint64_t time) {
+    const ObjectBytes bytes(key, encode_object(object));
+    Chunk chunk;
     chunk.receiver("dashboard");
-    chunk.hash(kHash);
-    chunk.frames(kFrames);
-    for (std::uint32_t first = 0; first < kFrames; first += 8) {  // two parts
-      chunk.first(first);
-      chunk.position().clear();
-      chunk.latitude().clear();
-      chunk.longitude().clear();
-      for (std::uint32_t frame = first; frame < std::min(first + 8, kFrames); ++frame) {
-        chunk.position().push_back(position(frame));
-        chunk.latitude().push_back(latitude(frame));
-        chunk.longitude().push_back(frame == kUnknown ? kNan : 10.5);
-      }
-      say(chunk, "env-summer", kBegin + 3 * kStep);
+    for (std::uint32_t index = 0; index < bytes.chunks(); ++index) {
+      bytes.fill(index, chunk);
+      say(chunk, "env-summer", time);
     }
+  }
+
+  void map() {
+    msg::RouteMap map;
+    for (std::uint32_t frame = 0; frame < kFrames; ++frame) {
+      map.position().push_back(position(frame));
+      map.latitude().push_back(latitude(frame));
+      map.longitude().push_back(frame == kUnknown ? kNan : 10.5);
+    }
+    say_object<msg::RouteMapChunk>({kHash, 0, 0}, map, kBegin + 3 * kStep);
   }
 
   /// Pictures come after the observations of their frames, some as JPEG and some as PNG.
   void pictures() {
     for (std::uint32_t frame = 0; frame < kFrames; ++frame) {
       if (frame == kWithoutPicture) continue;
-      msg::ImageChunk chunk;
-      chunk.receiver("dashboard");
-      chunk.hash(kHash);
-      chunk.frame(frame);
-      const std::vector<std::uint8_t> file = picture(frame);
-      chunk.total_bytes(static_cast<std::uint32_t>(file.size()));
-      chunk.data(file);
-      say(chunk, "env-summer", kBegin + 9 * kStep);
+      msg::Image image;
+      image.file() = picture(frame);
+      say_object<msg::ImageChunk>({kHash, 0, frame}, image, kBegin + 9 * kStep);
     }
   }
 

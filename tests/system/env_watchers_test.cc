@@ -8,6 +8,8 @@
 #include <span>
 #include <vector>
 
+#include "core/exchange/object_fetch.h"
+#include "core/exchange/timing.h"
 #include "core/wire/transfer.h"
 #include "tests/support/env/env_protocol.h"
 #include "tests/support/records/recorder.h"
@@ -157,35 +159,29 @@ TEST_P(EnvWatchers, ScenesAreForWhoeverWatches) {
 TEST_P(EnvWatchers, TellsWhereItsFramesWereRecorded) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
   const Traversal traversal = summer();
-  policy_->node.create_reader<msg::MapChunk>();
-  msg::MapRequest request;
-  request.environment() = "env-summer";
-  request.hash() = traversal.hash();
-  msg::MapChunk chunk;
-  const auto get = [&](std::uint32_t first) {
-    request.first() = first;
-    return until_asking([&] { policy_->node.publish(request); },
-                        [&] {
-                          bool found = false;
-                          while (!found && policy_->node.take(chunk)) found = chunk.first() == first;
-                          return found;
-                        });
-  };
-  ASSERT_TRUE(get(0));
-  EXPECT_EQ(chunk.hash(), traversal.hash());
-  EXPECT_EQ(chunk.frames(), 200u);
-  EXPECT_EQ(chunk.position(), traversal.positions);
-  EXPECT_EQ(chunk.latitude(), traversal.latitude);
-  EXPECT_EQ(chunk.longitude(), traversal.longitude);
-  ASSERT_TRUE(get(150));
-  EXPECT_EQ(chunk.position(), std::vector<float>(traversal.positions.begin() + 150, traversal.positions.end()));
-  const std::uint64_t before = policy_->status.rejected();
-  request.first() = 200;
-  policy_->node.publish(request);
+  policy_->node.create_reader<msg::RouteMapChunk>();
+  ObjectFetch fetch({.hash = traversal.hash(), .retry = kDashboardRetry});
+  fetch.want(0);
+  msg::RouteMapRequest request;
+  request.server() = "env-summer";
+  msg::RouteMapChunk chunk;
+  std::optional<FetchedObject> object;
   ASSERT_TRUE(policy_->until([&] {
-    if (GetParam().lossy) policy_->node.publish(request);
+    if (fetch.ask(Clock::now(), request)) policy_->node.publish(request);
+    while (policy_->node.take(chunk)) fetch.take(chunk, Clock::now());
+    return (object = fetch.next()).has_value();
+  }));
+  const auto map = decode_object<msg::RouteMap>(object->bytes);
+  EXPECT_EQ(map.position(), traversal.positions);
+  EXPECT_EQ(map.latitude(), traversal.latitude);
+  EXPECT_EQ(map.longitude(), traversal.longitude);
+  const std::uint64_t before = policy_->status.rejected();
+  request.items() = {0};
+  request.chunks() = {200};
+  ASSERT_TRUE(policy_->until([&] {
+    policy_->node.publish(request);
     return policy_->status.rejected() > before;
-  })) << "beyond the last frame";
+  })) << "beyond the last chunk";
 }
 
 INSTANTIATE_TEST_SUITE_P(Wires, EnvWatchers, ::testing::ValuesIn(kWires), wire_name);

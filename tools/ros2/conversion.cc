@@ -4,12 +4,13 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <limits>
+#include <optional>
+#include <span>
 
+#include "core/exchange/object_fetch.h"
 #include "core/recording/mcap.h"
 #include "core/recording/wire_header.h"
 #include "core/util/error.h"
-#include "core/wire/blob.h"
 #include "dashboard/live/picture_shrink.h"
 
 namespace citylearn {
@@ -20,28 +21,24 @@ class Store {
  public:
   explicit Store(int widest) : widest_(widest) {}
 
-  void add(const msg::MapChunk& chunk) {
-    std::shared_ptr<RouteMap>& map = maps_[chunk.hash()];
-    if (!map) map = std::make_shared<RouteMap>();
-    map->frames = chunk.frames();
-    put(chunk.position(), chunk.first(), map->frames, map->position);
-    if (chunk.latitude().empty()) return;
-    put(chunk.latitude(), chunk.first(), map->frames, map->latitude);
-    put(chunk.longitude(), chunk.first(), map->frames, map->longitude);
+  void add(const msg::RouteMapChunk& chunk) {
+    const auto map = joined<msg::RouteMap>(chunk, chunk.hash(), map_chunks_);
+    if (!map) return;
+    maps_[chunk.hash()] = std::make_shared<RouteMap>(RouteMap{static_cast<std::uint32_t>(map->position().size()),
+                                                              map->position(), map->latitude(), map->longitude()});
   }
   void add(const msg::ImageChunk& chunk) {
-    const PictureKey key{chunk.hash(), chunk.frame()};
-    if (chunk.total_bytes() == 0 || pictures_.contains(key)) return;
-    Blob& file = files_.try_emplace(key, chunk.total_bytes()).first->second;
-    file.take(chunk.chunk(), chunk.data());
-    if (!file.complete()) return;
+    const PictureKey key{chunk.hash(), static_cast<std::uint32_t>(chunk.item())};
+    const auto image = joined<msg::Image>(chunk, key, image_chunks_);
+    if (!image || image->file().empty()) return;
+    const auto file = std::as_bytes(std::span(image->file()));
     try {
-      pictures_[key] = std::make_shared<PictureFile>(shrink(file.release(), {widest_}, chunk.name().c_str()));
+      pictures_[key] =
+          std::make_shared<PictureFile>(shrink(Bytes(file.begin(), file.end()), {widest_}, image->name().c_str()));
     } catch (const Error& error) {
       spdlog::warn("{}", error.what());
       pictures_[key] = nullptr;
     }
-    files_.erase(key);
   }
   std::shared_ptr<const RouteMap> map(std::uint64_t hash) const {
     const auto found = maps_.find(hash);
@@ -53,17 +50,27 @@ class Store {
   }
 
  private:
-  template <class Number>
-  static void put(const std::vector<Number>& part, std::uint32_t first, std::uint32_t frames,
-                  std::vector<Number>& all) {
-    all.resize(frames, std::numeric_limits<Number>::quiet_NaN());
-    if (first >= frames) return;
-    std::copy_n(part.begin(), std::min<std::size_t>(part.size(), frames - first), all.begin() + first);
+  /// Returns the object whose last missing chunk this is.
+  template <class Object, class Key>
+  static std::optional<Object> joined(const msg::ObjectChunk& chunk, const Key& key, std::map<Key, ObjectFetch>& all) {
+    if (chunk.total_bytes() == 0) return std::nullopt;
+    const auto [found, fresh] = all.try_emplace(key, FetchOptions{.hash = chunk.hash()});
+    if (fresh) found->second.want(chunk.item());
+    found->second.take(chunk, {});
+    const auto object = found->second.next();
+    if (!object) return std::nullopt;
+    try {
+      return decode_object<Object>(object->bytes);
+    } catch (const Error& error) {
+      spdlog::warn("{}", error.what());
+      return std::nullopt;
+    }
   }
 
   const int widest_;
   std::map<std::uint64_t, std::shared_ptr<RouteMap>> maps_;
-  std::map<PictureKey, Blob> files_;
+  std::map<PictureKey, ObjectFetch> image_chunks_;
+  std::map<std::uint64_t, ObjectFetch> map_chunks_;
   std::map<PictureKey, std::shared_ptr<const PictureFile>> pictures_;
 };
 
@@ -101,7 +108,7 @@ Ros2ConversionResult convert(const Ros2Conversion& conversion, Ros2Sink& sink) {
   Ros2ConversionResult result;
   Store store(conversion.widest);
   try {
-    const auto missing = read<msg::MapChunk, msg::ImageChunk>(
+    const auto missing = read<msg::RouteMapChunk, msg::ImageChunk>(
         conversion, result.unreadable, [&](const auto& chunk, std::uint64_t) { store.add(chunk); });
     for (const std::string& line : missing) spdlog::warn("{}", line);
   } catch (const Error&) {  // the second pass comes to the same damage, after all that stands before it

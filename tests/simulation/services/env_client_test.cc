@@ -6,6 +6,8 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include "core/exchange/object_fetch.h"
+#include "core/exchange/timing.h"
 #include "core/util/random.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
@@ -241,7 +243,7 @@ TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   EXPECT_EQ(player.node.traffic.rejected, 1u) << "nobody wants it any more";
 }
 
-TEST_F(EnvClientTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
+TEST_F(EnvClientTest, MapsTellWhereEachFrameWasRecorded) {
   Traversal traversal = wide_traversal("road", 3000, 1);
   for (int i = 0; i < traversal.frames; ++i) {
     traversal.positions[static_cast<std::size_t>(i)] = static_cast<float>(i);
@@ -251,24 +253,22 @@ TEST_F(EnvClientTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
   const Host host(traversal, 1, run_);
   Player player(run_);
   ASSERT_TRUE(player.env("env-road"));
-  player.node.create_reader<msg::MapChunk>();
-  msg::MapRequest request;
-  request.environment() = "env-road";
-  request.hash() = traversal.hash();
-  msg::MapChunk map;
-  std::vector<double> latitude, longitude;
-  for (const std::size_t count : {std::size_t{msg::MAX_PLACES}, 3000 - std::size_t{msg::MAX_PLACES}}) {
-    request.first() = static_cast<std::uint32_t>(latitude.size());
-    player.node.publish(request);
-    ASSERT_TRUE(player.until([&] { return player.node.take(map); }));
-    EXPECT_EQ(map.first(), request.first());
-    ASSERT_EQ(map.position().size(), count);
-    EXPECT_EQ(map.position().front(), static_cast<float>(map.first()));
-    latitude.insert(latitude.end(), map.latitude().begin(), map.latitude().end());
-    longitude.insert(longitude.end(), map.longitude().begin(), map.longitude().end());
-  }
-  EXPECT_EQ(latitude, traversal.latitude);
-  EXPECT_EQ(longitude, traversal.longitude);
+  player.node.create_reader<msg::RouteMapChunk>();
+  ObjectFetch fetch({.hash = traversal.hash(), .retry = kDashboardRetry});
+  fetch.want(0);
+  msg::RouteMapRequest request;
+  request.server() = "env-road";
+  msg::RouteMapChunk chunk;
+  std::optional<FetchedObject> object;
+  ASSERT_TRUE(player.until([&] {
+    if (fetch.ask(Clock::now(), request)) player.node.publish(request);
+    while (player.node.take(chunk)) fetch.take(chunk, Clock::now());
+    return (object = fetch.next()).has_value();
+  }));
+  const auto map = decode_object<msg::RouteMap>(object->bytes);
+  EXPECT_EQ(map.position(), traversal.positions);
+  EXPECT_EQ(map.latitude(), traversal.latitude);
+  EXPECT_EQ(map.longitude(), traversal.longitude);
 }
 
 TEST_F(EnvClientTest, WholeObservationsThatCannotBeAreRefused) {

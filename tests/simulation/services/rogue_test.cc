@@ -237,6 +237,7 @@ class Training : public ::testing::TestWithParam<bool> {
                      {"learner", "policy"},
                      {"policy", "policy"},
                      {"actor", "actor"},
+                     {"server", info.header().sender().c_str()},
                      {"receiver", "policy"}};
     address.numbers = {{"hash", info.hash()},
                        {"traversal_hash", info.hash()},

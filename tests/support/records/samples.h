@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <concepts>
 #include <limits>
 #include <string_view>
 
@@ -98,11 +99,6 @@ inline void agree(Filler&, msg::TrainingStat& m) {
   m.gradient_norm(std::numeric_limits<float>::infinity());
 }
 
-inline void agree(Filler& f, msg::MapChunk& m) {
-  m.frames(msg::MAX_FRAMES);
-  m.first(f.least() ? 0 : 17);
-}
-
 inline void agree(Filler& f, msg::PolicyParameters& m) {
   m.total_bytes(m.data().size() * 3);
   m.chunk(f.least() ? 0 : 1);
@@ -139,7 +135,8 @@ inline void agree(Filler& f, msg::TraversalChunk& m) {
   m.chunk(f.most() ? ChunkLayout(msg::MAX_FRAMES, msg::MAX_DIMENSION).chunks() - 2 : 0);
 }
 
-inline void agree(Filler& f, msg::ImageChunk& m) {
+template <std::derived_from<msg::ObjectChunk> Chunk>
+void agree(Filler& f, Chunk& m) {
   f.resize(m.data(), 5000, msg::MAX_CHUNK);
   m.chunk(f.least() ? 0 : 2);
   m.total_bytes(f.least() ? 0 : static_cast<std::uint32_t>(2 * msg::MAX_CHUNK + m.data().size()));
@@ -150,17 +147,6 @@ inline void agree(Filler& f, msg::DescriptorStatus& m) {
   m.dimension(f.least() ? 0 : f.most() ? msg::MAX_DESCRIPTOR : 128);
   for (auto* blocks : {&m.encoding(), &m.claimed()})
     for (std::uint32_t& block : *blocks) block %= static_cast<std::uint32_t>(m.present().size());
-}
-
-inline void agree(Filler&, msg::DescriptorRequest& m) { m.block(m.block() % msg::MAX_BLOCKS); }
-
-inline void agree(Filler& f, msg::DescriptorChunk& m) {
-  m.block(m.block() % msg::MAX_BLOCKS);
-  m.frames(f.least() ? 1 : f.most() ? ~std::uint64_t{0} : 5);
-  m.dimension(f.least() ? 1 : f.most() ? msg::MAX_DESCRIPTOR : 1000);
-  f.resize(m.data(), 2 * 1000 * sizeof(float), msg::MAX_CHUNK);
-  if (f.least()) m.data().resize(sizeof(float));
-  m.chunk(f.most() ? 5460 : 0);
 }
 
 template <class Message>

@@ -33,21 +33,21 @@ class PictureRequests : public ::testing::Test {
     encoder_.create_reader<msg::ImageChunk>();
     encoder_.create_reader_at<msg::ImageChunk>("dashboard");  // whatever it is sent is seen here as well
   }
-  void ask(const std::vector<std::uint32_t>& frames, std::uint32_t first_chunk = 0,
+  void ask(const std::vector<std::uint64_t>& frames, const std::vector<std::uint32_t>& chunks = {},
            const std::string& service = "encoder") {
     msg::ImageRequest request;
-    request.header().sender() = service.c_str();
-    request.environment() = "env";
+    request.server() = "env";
     request.hash() = environment_.traversal_hash();
-    request.frames().assign(frames.begin(), frames.end());
-    request.first_chunk() = first_chunk;
-    server_.note(request);
+    request.items() = frames;
+    request.chunks() = chunks;
+    (service == "encoder" ? encoder_ : dashboard_).publish(request);
+    server_.take_requests();
   }
   /// Returns the frames of the chunks that come, in their order.
   std::vector<int> sent_by(int ticks) {
-    while (ticks-- > 0) server_.send_pictures();
+    while (ticks-- > 0) server_.send_objects();
     std::vector<int> frames;
-    for (msg::ImageChunk chunk; encoder_.take(chunk);) frames.push_back(static_cast<int>(chunk.frame()));
+    for (msg::ImageChunk chunk; encoder_.take(chunk);) frames.push_back(static_cast<int>(chunk.item()));
     return frames;
   }
   static Traversal pictured(const std::shared_ptr<Images>& images) {
@@ -61,7 +61,7 @@ class PictureRequests : public ::testing::Test {
   std::shared_ptr<NotedImages> images_ = std::make_shared<NotedImages>(6);
   const Traversal traversal_ = pictured(images_);
   Environment environment_{traversal_, 1};
-  Node env_{options("env")}, encoder_{options("encoder")};
+  Node env_{options("env")}, encoder_{options("encoder")}, dashboard_{options("dashboard")};
   TraversalServer server_{env_, environment_};
 };
 
@@ -69,10 +69,10 @@ using Frames = std::vector<int>;
 
 TEST_F(PictureRequests, AreAnsweredOnePictureATickAndService) {
   ask({0, 1, 2});
-  ask({4}, 0, "dashboard");
+  ask({4}, {}, "dashboard");
   EXPECT_EQ(sent_by(1), (Frames{4, 0}));
-  EXPECT_TRUE(server_.send_pictures());
-  EXPECT_FALSE(server_.send_pictures());
+  EXPECT_TRUE(server_.send_objects());
+  EXPECT_FALSE(server_.send_objects());
   EXPECT_EQ(sent_by(0), (Frames{1, 2}));
 }
 
@@ -92,9 +92,9 @@ TEST_F(PictureRequests, ThatCrossTheirAnswersBringNothingTwice) {
 }
 
 TEST_F(PictureRequests, GoOnWithTheChunksThatAreMissing) {
-  ask({3}, 1);
+  ask({3}, {1, 2});
   EXPECT_EQ(sent_by(2), (Frames{3, 3}));
-  ask({2}, 7);
+  ask({2}, {7});
   EXPECT_EQ(sent_by(1), Frames{}) << "it has one chunk";
 }
 

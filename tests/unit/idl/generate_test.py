@@ -50,11 +50,27 @@ class Generate(unittest.TestCase):
                      'check.length("flags", m.flags().size(), "number", m.number().size(), 0);',
                      'check.name("name", m.name(), true);',
                      'X(BigThing, "citylearn/big_thing", kState, kReceiver)', 'return m.name().c_str();',
-                     '#include "idl/thing.h"', r'visitor("citylearn_uptime_seconds", "seconds \"alive\"", m.uptime());'):
+                     '#include "idl/objects.h"', r'visitor("citylearn_uptime_seconds", "seconds \"alive\"", m.uptime());'):
             self.assertIn(line, fields)
         forward = (pathlib.Path(self.folder.name) / "idl/forward.h").read_text()
         self.assertIn("class BigThing;", forward)
         self.assertIn("enum Mode : std::uint32_t;", forward)
+
+    def test_kinds_of_objects_share_two_structs_and_no_topic(self):
+        text = GOOD.replace("//@topic(state)", "//@request") + """
+  //@object
+  @final struct SmallThing {
+    double weight;                              //@finite kg
+  };
+"""
+        self.assertEqual(self.run_on(text).returncode, 0)
+        fields = (pathlib.Path(self.folder.name) / "idl/message_fields.h").read_text()
+        self.assertIn('X(SmallThingRequest, "citylearn/small_thing_request", kCommand, kReceiver)', fields)
+        self.assertIn("  X(SmallThing) ", fields)
+        self.assertNotIn("X(BigThing,", fields)
+        self.assertIn('const BigThing*) { return "citylearn::msg::BigThing"; }', fields)
+        objects = (pathlib.Path(self.folder.name) / "idl/objects.h").read_text()
+        self.assertIn("class SmallThingRequest : public BigThing {};", objects)
 
     def test_a_mistake_is_named_with_its_file_and_line(self):
         for before, after, line, error in (

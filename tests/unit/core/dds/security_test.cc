@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <cctype>
 #include <filesystem>
 #include <map>
 #include <regex>
@@ -239,10 +240,15 @@ std::map<std::string, Rights> granted() {
   return all;
 }
 
-/// Topic of a message type named in the sources.
+/// Topic of a message named in the sources.
 std::string topic_named(const std::string& message) {
+  std::string name = "citylearn/";
+  for (const char c : message) {
+    if (std::isupper(c) && !name.ends_with('/')) name += '_';
+    name += static_cast<char>(std::tolower(c));
+  }
   for (const Topic& topic : all_topics())
-    if (topic.type == "citylearn::msg::" + message) return topic.name;
+    if (topic.name == name) return name;
   return "";
 }
 

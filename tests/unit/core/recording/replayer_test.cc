@@ -196,12 +196,12 @@ TEST(Replay, ClocksThatAreSetHoldNobodyUp) {
 
 TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
   const Folder folder;
-  msg::MapChunk map;
+  msg::RouteMapChunk map;
   sign(map.header(), "env-summer", 7);
   map.receiver("dashboard-of-then");
   map.hash(0xABC);
-  map.frames(2);
-  map.position({1.5f, 2.5f});
+  map.total_bytes(3);
+  map.data({1, 2, 3});
   {
     Tape tape(folder / "a.mcap");
     tape.say(map, kStart);
@@ -211,11 +211,12 @@ TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
   Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer));
   Node node(Watcher::options(37));
-  node.create_reader_at<msg::MapChunk>("dashboard", "demo");
-  msg::MapChunk taken;
-  msg::MapRequest request;
-  request.environment("env-summer");
+  node.create_reader_at<msg::RouteMapChunk>("dashboard", "demo");
+  msg::RouteMapChunk taken;
+  msg::RouteMapRequest request;
+  request.server("env-summer");
   request.hash(0xABD);
+  request.items({0});
   node.publish(request, "demo");
   replayer.poll();
   EXPECT_FALSE(node.take(taken)) << "of another traversal there is none";
@@ -223,7 +224,7 @@ TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
   node.publish(request, "demo");
   replayer.poll();
   ASSERT_TRUE(node.take(taken));
-  EXPECT_EQ(taken.position(), map.position());
+  EXPECT_EQ(taken.data(), map.data());
 }
 
 TEST(Replay, TellsWhatItLeavesOut) {

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 #include <spdlog/fmt/fmt.h>
 
+#include <concepts>
+#include <set>
 #include <string>
 
 #include "tests/support/golden.h"
@@ -61,11 +63,11 @@ void agree(msg::TraversalChunk& m) {
   m.feature_dimension() = m.chunk() = 0;
   m.data() = {0, 0, 0x80, 0x3F};  // 1.0
 }
-void agree(msg::ImageChunk& m) {
+template <std::derived_from<msg::ObjectChunk> Chunk>
+void agree(Chunk& m) {
   m.chunk() = 0;
   m.total_bytes() = 3;
 }
-void agree(msg::MapChunk& m) { m.frames() = m.first() + 3; }
 void agree(msg::PolicyParameters& m) {
   m.chunk() = 0;
   m.chunks() = 1;
@@ -83,14 +85,6 @@ void agree(msg::DescriptorStatus& m) {
   m.frames() = 3 * msg::FRAMES_PER_BLOCK;
   m.dimension() = 2;
 }
-void agree(msg::DescriptorRequest& m) { m.block() = 1; }
-void agree(msg::DescriptorChunk& m) {
-  m.block() = 1;
-  m.frames() = m.dimension() = 1;
-  m.chunk() = 0;
-  m.data() = {0, 0, 0x80, 0x3F};
-}
-
 /// Writes "  header.sender = "env-summer"" for each field, in the order of the wire.
 class Writer {
  public:
@@ -142,6 +136,7 @@ std::string hex(const Bytes& bytes) {
 /// Encoded where another message was before, as a service does.
 TEST(GoldenBytes, OfEachMessage) {
   std::string all;
+  std::set<std::string> types;
   for_each_message([&]<class Message>() {
     Message message;
     Example example;
@@ -155,6 +150,7 @@ TEST(GoldenBytes, OfEachMessage) {
     Writer writer;
     visit(message, writer);
     const std::string type = topic_of<Message>().type;
+    if (!types.insert(type).second) return;  // kinds of objects share it
     all += type.substr(type.rfind(':') + 1) + "\n" + writer.text + "bytes " + std::to_string(bytes.size()) + "\n" +
            hex(bytes) + "\n";
   });

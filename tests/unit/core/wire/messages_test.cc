@@ -205,20 +205,15 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::TraversalChunk>("feature_dimension: must be at most 262144",
                                     [](auto& m) { m.feature_dimension(msg::MAX_DIMENSION + 1); });
   expect_error<msg::ImageChunk>("data: 4999 entries, should be 5000", [](auto& m) { m.data().pop_back(); });
-  expect_error<msg::ImageChunk>("chunk: index 3 is beyond the image", [](auto& m) { m.chunk(3); });
-  expect_error<msg::ImageChunk>("total_bytes: must be at most 67108864",
-                                [](auto& m) { m.total_bytes(msg::MAX_IMAGE + 1); });
+  expect_error<msg::ImageChunk>("chunk: index 3 is beyond the object", [](auto& m) { m.chunk(3); });
+  expect_error<msg::DescriptorChunk>("total_bytes: must be at most 268436480",
+                                     [](auto& m) { m.total_bytes(msg::MAX_OBJECT + 1); });
   expect_error<msg::DescriptorStatus>("present: 15 entries, should be 16", [](auto& m) { m.present().pop_back(); });
   expect_error<msg::DescriptorStatus>("", [](auto& m) { m.present().clear(); });
   expect_error<msg::DescriptorStatus>("encoding: block 16 of 16", [](auto& m) { m.encoding()[2] = 16; });
   expect_error<msg::DescriptorStatus>("claimed: block 17 of 16", [](auto& m) { m.claimed()[0] = 17; });
   expect_error<msg::DescriptorStatus>("acknowledged: 16 entries, should be 17 as many as heard has",
                                       [](auto& m) { m.heard().push_back(1); });
-  expect_error<msg::DescriptorRequest>("block: must be below 16384", [](auto& m) { m.block(msg::MAX_BLOCKS); });
-  expect_error<msg::DescriptorChunk>("frames: names none", [](auto& m) { m.frames(0); });
-  expect_error<msg::DescriptorChunk>("dimension: must be 1..1048576", [](auto& m) { m.dimension(0); });
-  expect_error<msg::DescriptorChunk>("data: 7999 entries, should be 8000", [](auto& m) { m.data().pop_back(); });
-  expect_error<msg::DescriptorChunk>("chunk: index 1 is beyond the block", [](auto& m) { m.chunk(1); });
   expect_error<msg::PolicyParameters>("chunk: index 3 of 3 chunks", [](auto& m) { m.chunk(3); });
   expect_error<msg::PolicyParameters>("data: more bytes than total_bytes says", [](auto& m) { m.total_bytes(7); });
   expect_error<msg::Trajectory>("shown: 32 entries, should be 33, one more than action has",
@@ -257,17 +252,46 @@ TEST(Messages, UnknownEnumeratorIsRefused) {
 }
 
 TEST(Messages, TopicsAreDistinct) {
-  std::set<std::string> names, types;
-  for (const Topic& topic : all_topics()) {
-    EXPECT_TRUE(names.insert(topic.name).second) << topic.name;
-    EXPECT_TRUE(types.insert(topic.type).second) << topic.type;
-  }
+  std::set<std::string> names;
+  for (const Topic& topic : all_topics()) EXPECT_TRUE(names.insert(topic.name).second) << topic.name;
   int messages = 0;
   for_each_message([&]<class Message>() {
     ++messages;
     EXPECT_TRUE(names.count(topic_of<Message>().name));
   });
   EXPECT_EQ(names.size(), static_cast<std::size_t>(messages));
+}
+
+/// The bytes of an object with these fields, and what decoding them says.
+template <class Object, class Change>
+std::string object_error(Change change) {
+  Object object;
+  change(object);
+  return error_of([&] { EXPECT_EQ(decode_object<Object>(encode_object(object)), object); });
+}
+
+TEST(Messages, ObjectsGoRoundOrAreRefused) {
+  EXPECT_EQ(object_error<msg::Image>([](auto& m) { m.name("a.png"), m.file({1, 2, 3}); }), "");
+  EXPECT_EQ(object_error<msg::RouteMap>([](auto& m) {
+              m.position({1, 2}), m.latitude({3, 4}), m.longitude({5, 6});
+            }),
+            "");
+  const std::string map = "citylearn::msg::RouteMap.", descriptor = "citylearn::msg::Descriptor.";
+  EXPECT_EQ(object_error<msg::RouteMap>([](auto&) {}), map + "frames: must be 1..1048576");
+  EXPECT_EQ(object_error<msg::RouteMap>([](auto& m) {
+              m.position({1, 2}), m.latitude({3}), m.longitude({5});
+            }),
+            map + "latitude: 1 entries, should be 2");
+  EXPECT_EQ(object_error<msg::RouteMap>([](auto& m) { m.position({1}), m.latitude({3}); }),
+            map + "longitude: 0 entries, should be 1 as many as latitude has");
+  EXPECT_EQ(object_error<msg::Descriptor>([](auto& m) { m.dimension(2), m.values({1, 2}); }), "");
+  EXPECT_EQ(object_error<msg::Descriptor>([](auto&) {}), descriptor + "dimension: must be 1..1048576");
+  const float infinite = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(object_error<msg::Descriptor>([&](auto& m) { m.dimension(1), m.values({infinite}); }),
+            descriptor + "values: not finite");
+  Bytes bytes = encode_object(msg::Image());
+  bytes.resize(bytes.size() - 4);
+  EXPECT_EQ(error_of([&] { decode_object<msg::Image>(bytes); }), "citylearn::msg::Image.file: cut short");
 }
 
 }  // namespace

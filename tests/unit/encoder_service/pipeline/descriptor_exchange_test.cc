@@ -3,7 +3,6 @@
 #include "encoder_service/pipeline/descriptor_exchange.h"
 
 #include <gtest/gtest.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <cmath>
@@ -116,7 +115,9 @@ class Liar {
     node_.publish(status_);
   }
   /// Answers with descriptors after `change`.
-  void spin(const std::function<void(msg::DescriptorChunk& chunk)>& change) {
+  void spin(
+      const std::function<void(msg::Descriptor& object)>& lie,
+      const std::function<void(msg::DescriptorChunk& chunk)>& damage = [](auto&) {}) {
     msg::DescriptorStatus other;
     while (node_.take(other)) {
       status_.heard() = {other.header().incarnation()};
@@ -126,25 +127,20 @@ class Liar {
     msg::DescriptorRequest request;
     while (node_.take(request)) {
       ++requests;
-      std::vector<std::uint8_t> bytes;
+      msg::Descriptor object;
+      object.encoder() = "hog";
+      object.dimension(kLongDimension);
       for (int frame = 0; frame < 16; ++frame) {
         const Eigen::VectorXf numbers = long_descriptor(frame);
-        const auto* from = reinterpret_cast<const std::uint8_t*>(numbers.data());
-        bytes.insert(bytes.end(), from, from + numbers.size() * static_cast<Eigen::Index>(sizeof(float)));
+        object.values().insert(object.values().end(), numbers.begin(), numbers.end());
       }
-      for (const std::uint32_t index : request.chunks()) {
+      lie(object);
+      const ObjectBytes bytes({request.hash(), request.part(), request.items()[0]}, encode_object(object));
+      for (std::uint32_t index = 0; index < bytes.chunks(); ++index) {
         msg::DescriptorChunk chunk;
         chunk.receiver() = request.header().sender();
-        chunk.hash(kExchangedHash);
-        chunk.encoder() = "hog";
-        chunk.dimension(kLongDimension);
-        chunk.block(request.block());
-        chunk.frames(request.frames());
-        chunk.checksum(static_cast<std::uint32_t>(::crc32_z(0, bytes.data(), bytes.size())));
-        chunk.chunk(index);
-        const auto data = chunk_of(std::span<const std::uint8_t>(bytes), index);
-        chunk.data().assign(data.begin(), data.end());
-        change(chunk);
+        bytes.fill(index, chunk);
+        damage(chunk);
         node_.publish(chunk);
       }
     }
@@ -157,18 +153,32 @@ class Liar {
 };
 
 TEST(DescriptorExchange, DamagedDescriptorsAreRefusedAndEncodedHere) {
-  const float infinite = std::numeric_limits<float>::infinity();
-  const std::map<std::string, std::function<void(msg::DescriptorChunk&)>> damages = {
-      {"a bit", [](msg::DescriptorChunk& chunk) { chunk.data()[chunk.data().size() / 2] ^= 4; }},
-      {"the checksum", [](msg::DescriptorChunk& chunk) { chunk.checksum() ^= 1; }},
-      {"not finite", [&](msg::DescriptorChunk& chunk) { std::memcpy(chunk.data().data(), &infinite, sizeof(float)); }}};
+  const auto none = [](auto&) {};
+  const std::function<void(msg::DescriptorChunk&)> bit = [](auto& chunk) {
+    chunk.data()[chunk.data().size() / 2] ^= 4;
+  };
+  const std::function<void(msg::DescriptorChunk&)> checksum = [](auto& chunk) { chunk.checksum() ^= 1; };
+  const std::function<void(msg::Descriptor&)> infinite = [](auto& object) {
+    object.values()[0] = std::numeric_limits<float>::infinity();
+  };
+  const std::function<void(msg::Descriptor&)> other = [](auto& object) { object.encoder() = "other"; };
+  const std::function<void(msg::Descriptor&)> few = [](auto& object) { object.values().pop_back(); };
+  struct Damage {
+    std::function<void(msg::Descriptor&)> lie;
+    std::function<void(msg::DescriptorChunk&)> damage;
+  };
+  const std::map<std::string, Damage> damages = {{"a bit", {none, bit}},
+                                                 {"the checksum", {none, checksum}},
+                                                 {"not finite", {infinite, none}},
+                                                 {"another encoder", {other, none}},
+                                                 {"too few", {few, none}}};
   for (const auto& [name, damage] : damages) {
     Service one("one");
     Liar liar;
     const auto free = [&] {
       return one.exchange.claims(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
     };
-    ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(damage); }, free)) << name;
+    ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(damage.lie, damage.damage); }, free)) << name;
     EXPECT_EQ(one.work.done(), 0) << name;
     EXPECT_EQ(one.node.traffic.rejected, 3u) << name;
   }
@@ -177,11 +187,11 @@ TEST(DescriptorExchange, DamagedDescriptorsAreRefusedAndEncodedHere) {
 TEST(DescriptorExchange, WhatIsNotSentIsEncodedHere) {
   Service one("one");
   Liar liar;
-  const auto mute = [](msg::DescriptorChunk& chunk) { chunk.encoder() = "other"; };
+  const auto mute = [](msg::DescriptorChunk& chunk) { chunk.hash() ^= 1; };
   const auto free = [&] {
     return one.exchange.claims(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
   };
-  ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(mute); }, free));
+  ASSERT_TRUE(eventually([&] { one.spin(), liar.spin([](auto&) {}, mute); }, free));
   EXPECT_EQ(one.work.done(), 0);
   EXPECT_EQ(liar.requests, RequestTimer::kDefaultTries);
 }
@@ -192,26 +202,26 @@ TEST(DescriptorExchange, WhatItIsNotAskedForOrLacksIsNotSent) {
   Node asker({middleware_options("inprocess"), "test", "asker", "exchange"});
   asker.create_reader<msg::DescriptorChunk>();
   msg::DescriptorRequest request;
-  const auto answers = [&](std::uint64_t frames, std::uint32_t block, const char* encoder) {
-    request.encoder_service() = "one";
-    request.hash(kExchangedHash);
-    request.encoder() = encoder;
-    request.block(block);
-    request.frames(frames);
-    request.chunks() = {0, 1, 1000};
+  request.server() = "one";
+  request.hash(kExchangedHash);
+  request.chunks() = {0, 1, 1000};
+  const auto answers = [&](std::uint64_t frames, std::uint32_t block) {
+    request.part(block);
+    request.items() = {frames};
     asker.publish(request);
     one.spin();
     int count = 0;
-    for (msg::DescriptorChunk chunk; asker.take(chunk);) ++count;
+    for (msg::DescriptorChunk chunk; asker.take(chunk);) count += chunk.total_bytes() > 0;
     return count;
   };
-  EXPECT_EQ(answers(0b11, 0, "hog"), 2) << "chunk 1000 is beyond the end";
+  EXPECT_EQ(answers(0b11, 0), 2) << "chunk 1000 is beyond the end";
   EXPECT_EQ(one.node.traffic.rejected, 1u);
-  EXPECT_EQ(answers(0b11, 0, "vlad"), 0);
-  EXPECT_EQ(answers(1 << 10, 0, "hog"), 0) << "it lacks frame 10";
-  EXPECT_EQ(answers(1, 1, "hog"), 0);
-  EXPECT_EQ(answers(1, 3, "hog"), 0) << "there is no such block";
-  EXPECT_EQ(answers(0, 0, "hog"), 0);
+  EXPECT_EQ(answers(1 << 10, 0), 0) << "it lacks frame 10";
+  EXPECT_EQ(answers(1, 1), 0);
+  EXPECT_EQ(answers(1, 3), 0) << "there is no such block";
+  EXPECT_EQ(answers(0, 0), 0);
+  request.hash() ^= 1;
+  EXPECT_EQ(answers(0b11, 0), 0);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/wire/blob.h"
+#include "core/exchange/blob.h"
 
 namespace citylearn {
 

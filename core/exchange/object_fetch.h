@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <optional>
+
+#include "core/exchange/object.h"
+
+namespace citylearn {
+
+/// An object that was fetched. Empty bytes: the server has none.
+struct FetchedObject {
+  std::uint64_t item = 0;
+  Bytes bytes;
+};
+
+struct FetchOptions {
+  std::uint64_t hash = 0;  ///< of the keys of all objects
+  std::uint32_t part = 0;  ///< likewise
+  std::chrono::milliseconds retry{0};
+  int most_tries = 0;  ///< requests in a row without an answer before it gives up; 0: it never does
+  std::uint64_t max_bytes = msg::MAX_OBJECT;  ///< that an object may have
+};
+
+/// Fetches objects of one server: says what to ask for, and takes chunks in any order and as often as they come.
+class ObjectFetch {
+ public:
+  static constexpr int kMaxDamaged = 3;  ///< objects before it gives up, if it ever does
+
+  explicit ObjectFetch(const FetchOptions& options) : options_(options), timer_(options.retry, options.most_tries) {}
+
+  /// Adds an object after those already wanted.
+  void want(std::uint64_t item);
+  /// Wants it no longer.
+  void drop(std::uint64_t item);
+  /// Returns how many wanted objects have not come.
+  std::size_t missing() const { return wanted_.size(); }
+
+  /// kNotWanted: of no object that is wanted, or taken already. kDamaged: it has another size than it should have,
+  /// its object is too large, or it completes an object whose checksum is wrong, which is then asked for anew.
+  Taken take(const msg::ObjectChunk& chunk, Clock::time_point now);
+  /// Returns the next object that is complete.
+  std::optional<FetchedObject> next();
+  /// Wants an object again whose bytes mean nothing.
+  void refuse(std::uint64_t item);
+
+  /// Returns when a request should go out (RequestTimer).
+  Clock::time_point due() const { return timer_.due(); }
+  bool gave_up(Clock::time_point now) const {
+    return timer_.gave_up(now) || (options_.most_tries > 0 && damaged_ >= kMaxDamaged);
+  }
+  /// Fills all of a request but its header and server, and returns true, when one is due.
+  bool ask(Clock::time_point now, msg::ObjectRequest& request);
+
+ private:
+  struct Part {
+    std::uint64_t checksum;
+    Blob blob;
+  };
+  void remove(std::deque<std::uint64_t>::iterator place);
+
+  FetchOptions options_;
+  RequestTimer timer_;
+  std::deque<std::uint64_t> wanted_;     // items, in the order they are asked for
+  std::map<std::uint64_t, Part> parts_;  // of wanted objects, by item
+  std::deque<FetchedObject> complete_;
+  std::size_t asked_ = 0;  // objects of the last request that have not come
+  int damaged_ = 0;        // objects
+};
+
+}  // namespace citylearn
