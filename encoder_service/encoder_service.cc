@@ -46,6 +46,7 @@ class EncoderService {
   bool complete(Environment& environment, msg::Observation& observation, const EncodedTraversal& traversal);
   void complete_unfinished();
   void on_request(const msg::TraversalRequest& request);
+  std::shared_ptr<const ObjectBytes> features(const ObjectKey& key) const;
   void on_status(const msg::ServiceStatus& status);
 
   void assign_environments();
@@ -75,6 +76,7 @@ class EncoderService {
   // Members, so that a tick allocates nothing.
   msg::TraversalInfo info_;
   msg::Observation observation_;
+  ObjectServer server_{[this](const ObjectKey& key) { return features(key); }, node_.traffic.rejected};
   msg::TraversalRequest request_;
   msg::TraversalChunk chunk_, own_chunk_;
   msg::ImageChunk image_;
@@ -239,27 +241,22 @@ void EncoderService::complete_unfinished() {
 }
 
 void EncoderService::on_request(const msg::TraversalRequest& request) {
-  const auto found = environments_.find(request.environment().c_str());
-  if (found == environments_.end() || !serving(found->second) || request.feature_dimension() == 0) return;
+  const auto found = environments_.find(request.server().c_str());
+  if (found == environments_.end() || !serving(found->second) || request.part() == 0) return;
   const EncodedTraversal* traversal = pipeline_.find(request.hash());
   if (!traversal || !traversal->ready || traversal->is_live) return;
-  const auto dimension = static_cast<std::size_t>(traversal->dimension());
-  if (request.feature_dimension() != dimension) return;
-  const ChunkLayout layout(static_cast<std::uint32_t>(traversal->frames), static_cast<std::uint32_t>(dimension));
+  if (request.part() != static_cast<std::uint32_t>(traversal->dimension())) return;
   send_info(found->second);
-  for (const std::uint32_t index : request.chunks()) {
-    if (index >= layout.chunks()) {
-      ++node_.traffic.rejected;
-      continue;
-    }
-    own_chunk_.receiver() = request.header().sender();
-    own_chunk_.hash() = traversal->hash;
-    layout.fill(
-        index, traversal->positions.positions,
-        [&](std::uint32_t frame) { return std::span<const float>(traversal->features.col(frame).data(), dimension); },
-        own_chunk_);
-    node_.publish(own_chunk_);
-  }
+  server_.note(request);
+  while (server_.send(own_chunk_, [this] { node_.publish(own_chunk_); })) continue;
+}
+
+/// Returns features of a traversal that is ready.
+std::shared_ptr<const ObjectBytes> EncoderService::features(const ObjectKey& key) const {
+  const EncodedTraversal& traversal = *pipeline_.find(key.hash);
+  return traversal_object(key, traversal.positions.positions, [&](std::uint32_t frame) {
+    return std::span<const float>(traversal.features.col(frame).data(), key.part);
+  });
 }
 
 void EncoderService::on_status(const msg::ServiceStatus& status) {
@@ -345,7 +342,6 @@ void EncoderService::send_info(const Environment& environment) {
   msg::TraversalInfo info = environment.info;
   const EncodedTraversal& traversal = *pipeline_.find(info.hash());
   info.feature_dimension() = static_cast<std::uint32_t>(traversal.dimension());
-  info.chunks() = ChunkLayout(info.frames(), info.feature_dimension()).chunks();
   info.encoder() = pipeline_.feature_recipe().c_str();
   info.encoder_service() = node_.options().id.c_str();
   info.encoder_incarnation() = node_.incarnation();

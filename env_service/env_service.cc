@@ -63,7 +63,6 @@ class EnvService {
   void refuse(const msg::Header& header, const std::string& kind);
   bool start_task(const msg::TaskSettings& settings);
   void on_action(const msg::Action& action);
-  void on_request(const msg::TraversalRequest& request);
   void on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement);
   void on_status(const msg::ServiceStatus& status);
 
@@ -122,7 +121,6 @@ class EnvService {
   // Members, so that a tick allocates nothing.
   msg::Action action_;
   msg::TaskSettings taken_settings_;
-  msg::TraversalRequest request_;
   msg::EpisodeAcknowledgement acknowledgement_;
   msg::EpisodeStat episode_;
   msg::ServiceStatus status_;
@@ -148,7 +146,6 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   node_.create_reader_at<msg::ServiceStatus>(node_.options().id);  // of another process with this id
   node_.create_reader<msg::TaskSettings>();
   node_.create_reader<msg::Action>();
-  node_.create_reader<msg::TraversalRequest>();
   node_.create_reader<msg::EpisodeAcknowledgement>();
   node_.create_writer<msg::TraversalInfo>();
   node_.create_writer<msg::Observation>();
@@ -176,8 +173,7 @@ void EnvService::take_messages() {
   while (node_.take(action_)) on_action(action_);
   while (node_.take(taken_settings_)) on_settings(taken_settings_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
-  while (node_.take(request_)) on_request(request_);
-  server_.take_requests();
+  if (server_.take_requests()) send_info();  // what is needed to read the objects
   while (node_.take(status_)) on_status(status_);
 }
 
@@ -318,12 +314,6 @@ void EnvService::finish_step() {
     spdlog::info("evaluation of settings {} done", newest_.version());
     report();
   }
-}
-
-void EnvService::on_request(const msg::TraversalRequest& request) {
-  if (!server_.can_answer(request)) return;
-  send_info();  // what is needed to read the chunks
-  server_.answer(request);
 }
 
 void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement) {
@@ -471,7 +461,7 @@ void EnvService::leave() {
     now_ = Clock::now();
     while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
     // Messages that are not taken would wake the wait again and again.
-    discard(status_, action_, taken_settings_, request_);
+    discard(status_, action_, taken_settings_);
     server_.take_requests();
   }
   if (outbox_.kept() == 0)

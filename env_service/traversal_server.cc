@@ -15,9 +15,16 @@ TraversalServer::TraversalServer(Node& node, const Environment& environment)
     : node_(node),
       environment_(environment),
       traversal_(environment.traversal()),
-      frames_(static_cast<std::uint32_t>(traversal_.frames)),
-      images_([this](const ObjectKey& key) { return image(key.item); }, node.traffic.rejected),
-      maps_([this](const ObjectKey&) { return map(); }, node.traffic.rejected) {
+      frames_(
+          [this](const ObjectKey& key) {
+            return traversal_object(key, traversal_.positions, [this](std::uint32_t frame) {
+              return environment_.feature(static_cast<int>(frame));
+            });
+          },
+          node.traffic.rejected),
+      images_([this](const ObjectKey& key) { return image(key); }, node.traffic.rejected),
+      maps_([this](const ObjectKey& key) { return map(key); }, node.traffic.rejected) {
+  node_.create_reader<msg::TraversalRequest>();
   node_.create_reader<msg::RouteMapRequest>();
   if (traversal_.images) node_.create_reader<msg::ImageRequest>();
 }
@@ -33,50 +40,38 @@ msg::TraversalInfo TraversalServer::info() const {
   info.traversal() = traversal_.name.c_str();
   info.condition() = traversal_.condition.c_str();
   info.hash() = environment_.traversal_hash();
-  info.frames() = frames_;
+  info.frames() = static_cast<std::uint32_t>(traversal_.frames);
   info.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
   info.agents() = static_cast<std::uint32_t>(environment_.agents());
-  info.chunks() = ChunkLayout(frames_, info.feature_dimension()).chunks();
   info.images() = traversal_.images != nullptr;
   return info;
 }
 
-bool TraversalServer::can_answer(const msg::TraversalRequest& request) const {
-  const std::uint32_t dimension = request.feature_dimension();
-  return addressed(request.environment().c_str(), request.hash()) &&
-         (dimension == static_cast<std::uint32_t>(traversal_.dimension) || (dimension == 0 && traversal_.images));
-}
-
-void TraversalServer::answer(const msg::TraversalRequest& request) {
-  const ChunkLayout layout(frames_, request.feature_dimension());
-  for (const std::uint32_t index : request.chunks()) {
-    if (index >= layout.chunks()) {
-      ++node_.traffic.rejected;
-      continue;
+bool TraversalServer::take_requests() {
+  bool frames = false;
+  while (node_.take(request_))
+    if (addressed(request_.server().c_str(), request_.hash()) &&
+        (request_.part() == static_cast<std::uint32_t>(traversal_.dimension) ||
+         (request_.part() == 0 && traversal_.images))) {
+      frames_.note(request_);
+      frames = true;
     }
-    chunk_.receiver() = request.header().sender();
-    chunk_.hash() = environment_.traversal_hash();
-    layout.fill(
-        index, traversal_.positions,
-        [this](std::uint32_t frame) { return environment_.feature(static_cast<int>(frame)); }, chunk_);
-    node_.publish(chunk_);
-  }
-}
-
-void TraversalServer::take_requests() {
   while (node_.take(map_request_))
     if (addressed(map_request_.server().c_str(), map_request_.hash())) maps_.note(map_request_);
   while (traversal_.images && node_.take(image_request_))
     if (addressed(image_request_.server().c_str(), image_request_.hash())) images_.note(image_request_);
+  return frames;
 }
 
 bool TraversalServer::send_objects() {
-  const bool more_maps = maps_.send(map_chunk_, [this] { node_.publish(map_chunk_); });
-  return images_.send(image_chunk_, [this] { node_.publish(image_chunk_); }) || more_maps;
+  bool more = frames_.send(chunk_, [this] { node_.publish(chunk_); });
+  more |= maps_.send(map_chunk_, [this] { node_.publish(map_chunk_); });
+  return images_.send(image_chunk_, [this] { node_.publish(image_chunk_); }) || more;
 }
 
 /// Returns the Image of a frame, or nothing where there is no such frame.
-Bytes TraversalServer::image(std::uint64_t frame) {
+std::shared_ptr<const ObjectBytes> TraversalServer::image(const ObjectKey& key) {
+  const std::uint64_t frame = key.item;
   if (frame >= static_cast<std::uint64_t>(traversal_.images->frames())) {
     ++node_.traffic.rejected;
     return {};
@@ -92,15 +87,15 @@ Bytes TraversalServer::image(std::uint64_t frame) {
     spdlog::error("frame {}: {}", frame, name);
   }
   image.name() = name.substr(0, 200).c_str();
-  return encode_object(image);
+  return std::make_shared<ObjectBytes>(key, encode_object(image));
 }
 
-Bytes TraversalServer::map() const {
+std::shared_ptr<const ObjectBytes> TraversalServer::map(const ObjectKey& key) const {
   msg::RouteMap map;
   map.position() = traversal_.positions;
   map.latitude() = traversal_.latitude;
   map.longitude() = traversal_.longitude;
-  return encode_object(map);
+  return std::make_shared<ObjectBytes>(key, encode_object(map));
 }
 
 }  // namespace citylearn

@@ -3,27 +3,23 @@
 
 namespace citylearn {
 
-void ChunkSet::add(std::uint32_t chunk) {
-  here_[chunk] = true;
-  --missing_;
-  while (first_missing_ < here_.size() && here_[first_missing_]) ++first_missing_;
-}
-
-std::vector<std::uint32_t> ChunkSet::first_missing(std::size_t most, std::uint32_t offset) const {
-  std::vector<std::uint32_t> chunks;
-  for (std::uint32_t chunk = first_missing_; chunk < here_.size() && chunks.size() < most; ++chunk)
-    if (!here_[chunk]) chunks.push_back(chunk + offset);
-  return chunks;
-}
-
 Taken Blob::take(std::uint32_t chunk, std::span<const std::uint8_t> data) {
-  if (!chunks.wants(chunk)) return Taken::kNotWanted;
+  if (chunk >= here_.size() || here_[chunk]) return Taken::kNotWanted;
   if (data.size() != chunk_size(chunk, bytes_.size())) return Taken::kDamaged;
   const auto from = std::as_bytes(data);
   std::copy(from.begin(), from.end(),
             bytes_.begin() + static_cast<std::ptrdiff_t>(std::size_t{chunk} * msg::MAX_CHUNK));
-  chunks.add(chunk);
+  here_[chunk] = true;
+  --missing_;
+  while (first_missing_ < here_.size() && here_[first_missing_]) ++first_missing_;
   return Taken::kYes;
+}
+
+std::vector<std::uint32_t> Blob::first_missing(std::size_t most) const {
+  std::vector<std::uint32_t> chunks;
+  for (std::uint32_t chunk = first_missing_; chunk < here_.size() && chunks.size() < most; ++chunk)
+    if (!here_[chunk]) chunks.push_back(chunk);
+  return chunks;
 }
 
 }  // namespace citylearn

@@ -66,44 +66,28 @@ class RequestTimer {
   Clock::time_point due_{};
 };
 
-/// The chunks of one thing that have come, in whatever order and as often as they come.
-class ChunkSet {
- public:
-  explicit ChunkSet(std::uint32_t chunks = 0) : missing_(chunks), here_(chunks, false) {}
-
-  bool wants(std::uint32_t chunk) const { return chunk < here_.size() && !here_[chunk]; }
-  /// Marks a wanted chunk as come.
-  void add(std::uint32_t chunk);
-  std::uint32_t missing() const { return missing_; }
-  bool complete() const { return missing_ == 0; }
-  /// Returns the first chunk that is missing; the number of chunks when none is.
-  std::uint32_t first_missing() const { return first_missing_; }
-  /// Returns the first `most` chunks that are missing, each increased by `offset`.
-  std::vector<std::uint32_t> first_missing(std::size_t most, std::uint32_t offset = 0) const;
-
- private:
-  std::uint32_t missing_, first_missing_ = 0;
-  std::vector<bool> here_;
-};
-
 enum class Taken { kYes, kNotWanted, kDamaged };
 
-/// The bytes of one thing, put together from its chunks.
+/// The bytes of one thing, put together from its chunks, in whatever order and as often as they come.
 class Blob {
  public:
-  explicit Blob(std::uint64_t total_bytes) : chunks(chunk_count(total_bytes)), bytes_(total_bytes) {}
+  explicit Blob(std::uint64_t total_bytes)
+      : bytes_(total_bytes), here_(chunk_count(total_bytes), false), missing_(here_.size()) {}
 
   /// Returns kDamaged when the chunk has another size than it should have.
   Taken take(std::uint32_t chunk, std::span<const std::uint8_t> data);
   std::uint64_t total_bytes() const { return bytes_.size(); }
-  bool complete() const { return chunks.complete(); }
+  bool complete() const { return missing_ == 0; }
+  /// Returns the first `most` chunks that are missing.
+  std::vector<std::uint32_t> first_missing(std::size_t most) const;
   /// Hands over the bytes, once complete.
   Bytes release() { return std::move(bytes_); }
 
-  ChunkSet chunks;  ///< read by users
-
  private:
   Bytes bytes_;
+  std::vector<bool> here_;
+  std::size_t missing_;
+  std::uint32_t first_missing_ = 0;
 };
 
 }  // namespace citylearn

@@ -37,7 +37,7 @@ void ObjectBytes::fill(std::uint32_t chunk, msg::ObjectChunk& message) const {
 }
 
 void ObjectServer::note(const msg::ObjectRequest& request) {
-  std::erase_if(sent_, [now = Clock::now()](const auto& sent) { return now > sent.second.at + kObjectCrossing; });
+  std::erase_if(sent_, [&, now = Clock::now()](const auto& sent) { return now > sent.second.at + crossing_; });
   const std::string service = request.header().sender().c_str();
   Order& order = orders_[service];
   std::vector<std::uint32_t> chunks = request.chunks();
@@ -71,8 +71,9 @@ void ObjectServer::send_first(const std::string& service, Order& order, msg::Obj
                               const std::function<void()>& publish) {
   Wanted wanted = std::move(order.objects.front());
   order.objects.pop_front();
-  if (found_.bytes.empty() || found_.key != wanted.key) found_ = ObjectBytes(wanted.key, find_(wanted.key));
-  const std::uint32_t chunks = found_.chunks();
+  if (!found_ || found_->key != wanted.key) found_ = find_(wanted.key);
+  const ObjectBytes& object = found_ ? *found_ : ObjectBytes(wanted.key, {});
+  const std::uint32_t chunks = object.chunks();
   if (wanted.chunks.empty())
     for (std::uint32_t index = wanted.first; index < chunks; ++index) wanted.chunks.push_back(index);
   rejected_ += std::erase_if(wanted.chunks, [chunks](std::uint32_t index) { return index >= chunks; });
@@ -81,7 +82,7 @@ void ObjectServer::send_first(const std::string& service, Order& order, msg::Obj
   if (cut) wanted.chunks.resize(order.most_chunks);
   chunk.receiver() = service.c_str();
   for (const std::uint32_t index : wanted.chunks) {
-    found_.fill(index, chunk);
+    object.fill(index, chunk);
     publish();
   }
   const std::uint32_t end = wanted.chunks.back() + 1;

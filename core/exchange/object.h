@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <chrono>
 #include <compare>
 #include <cstdint>
 #include <deque>
 #include <functional>
 #include <map>
+#include <memory>
 #include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "core/exchange/blob.h"
+#include "core/exchange/timing.h"
 #include "core/util/types.h"
 #include "idl/object.h"
 
@@ -32,7 +35,6 @@ std::uint64_t object_checksum(std::span<const std::byte> bytes);
 
 /// Cuts the bytes of one object into chunks.
 struct ObjectBytes {
-  ObjectBytes() = default;
   /// Empty bytes stand for an object that is not there.
   ObjectBytes(const ObjectKey& key, Bytes bytes);
   /// Fills all fields but header and receiver.
@@ -48,10 +50,12 @@ struct ObjectBytes {
 /// for again. Used by one thread.
 class ObjectServer {
  public:
-  /// Returns the bytes of an object, or empty ones when there is none.
-  using Find = std::function<Bytes(const ObjectKey& key)>;
-  /// `rejected` counts requests for what no object has. It must outlive this.
-  ObjectServer(Find find, std::uint64_t& rejected) : find_(std::move(find)), rejected_(rejected) {}
+  /// Returns an object, or null when there is none.
+  using Find = std::function<std::shared_ptr<const ObjectBytes>(const ObjectKey& key)>;
+  /// `rejected` counts requests for what no object has. It must outlive this. What was sent within `crossing` is not
+  /// sent again.
+  ObjectServer(Find find, std::uint64_t& rejected, std::chrono::milliseconds crossing = kObjectCrossing)
+      : find_(std::move(find)), rejected_(rejected), crossing_(crossing) {}
 
   /// Notes what is asked for, but for what is on its way already: a service that waits long for a slow object asks
   /// again.
@@ -79,7 +83,8 @@ class ObjectServer {
 
   Find find_;
   std::uint64_t& rejected_;
-  ObjectBytes found_;                                       // last: a large one is asked for in several requests
+  std::chrono::milliseconds crossing_;
+  std::shared_ptr<const ObjectBytes> found_;                // last: a large one is asked for in several requests
   std::map<std::string, Order> orders_;                     // by the id of the service that asked
   std::map<std::pair<std::string, ObjectKey>, Sent> sent_;  // a moment ago
 };

@@ -19,7 +19,15 @@ void ObjectFetch::remove(std::deque<std::uint64_t>::iterator place) {
 
 void ObjectFetch::drop(std::uint64_t item) {
   const auto place = std::find(wanted_.begin(), wanted_.end(), item);
-  if (place != wanted_.end()) remove(place);
+  if (place == wanted_.end()) return;
+  remove(place);
+  damaged_ = 0;
+  if (asked_ == 0) timer_ = RequestTimer(options_.retry, options_.most_tries);
+}
+
+bool ObjectFetch::wants(const msg::ObjectChunk& chunk) const {
+  return chunk.hash() == options_.hash && chunk.part() == options_.part &&
+         std::find(wanted_.begin(), wanted_.end(), chunk.item()) != wanted_.end();
 }
 
 Taken ObjectFetch::take(const msg::ObjectChunk& chunk, Clock::time_point now) {
@@ -67,14 +75,14 @@ void ObjectFetch::refuse(std::uint64_t item) {
 
 bool ObjectFetch::ask(Clock::time_point now, msg::ObjectRequest& request) {
   if (wanted_.empty() || !timer_.is_due(now)) return false;
-  asked_ = std::min<std::size_t>(wanted_.size(), msg::MAX_ITEMS_ASKED);
+  asked_ = std::min(wanted_.size(), options_.max_items);
   request.hash() = options_.hash;
   request.part() = options_.part;
   request.items().assign(wanted_.begin(), wanted_.begin() + static_cast<std::ptrdiff_t>(asked_));
   request.chunks().clear();
   std::size_t answers = msg::MAX_CHUNKS_ASKED;
   if (const auto begun = parts_.find(wanted_.front()); begun != parts_.end()) {
-    request.chunks() = begun->second.blob.chunks.first_missing(msg::MAX_CHUNKS_ASKED);
+    request.chunks() = begun->second.blob.first_missing(msg::MAX_CHUNKS_ASKED);
     if (asked_ == 1) answers = request.chunks().size();
   }
   timer_.sent(now, answers);

@@ -22,7 +22,8 @@ struct FetchOptions {
   std::uint32_t part = 0;  ///< likewise
   std::chrono::milliseconds retry{0};
   int most_tries = 0;  ///< requests in a row without an answer before it gives up; 0: it never does
-  std::uint64_t max_bytes = msg::MAX_OBJECT;  ///< that an object may have
+  std::uint64_t max_bytes = msg::MAX_OBJECT;     ///< that an object may have
+  std::size_t max_items = msg::MAX_ITEMS_ASKED;  ///< in one request
 };
 
 /// Fetches objects of one server: says what to ask for, and takes chunks in any order and as often as they come.
@@ -39,6 +40,8 @@ class ObjectFetch {
   /// Returns how many wanted objects have not come.
   std::size_t missing() const { return wanted_.size(); }
 
+  /// Returns whether the chunk is of an object that is wanted.
+  bool wants(const msg::ObjectChunk& chunk) const;
   /// kNotWanted: of no object that is wanted, or taken already. kDamaged: it has another size than it should have,
   /// its object is too large, or it completes an object whose checksum is wrong, which is then asked for anew.
   Taken take(const msg::ObjectChunk& chunk, Clock::time_point now);

@@ -43,8 +43,7 @@ inline constexpr auto kLinger = 6s;               ///< at the end, for recorders
 inline constexpr auto kLingerUnheard = 500ms;     ///< likewise for recorders that were never heard
 
 // Objects: until missing chunks are requested again.
-inline constexpr auto kTraversalRetry = 200ms, kImageRetry = 300ms, kDescriptorRetry = 300ms, kDashboardRetry = 500ms;
-inline constexpr auto kParametersRetry = 50ms;
+inline constexpr auto kObjectRetry = 300ms, kDashboardRetry = 500ms, kParametersRetry = 50ms;
 inline constexpr auto kObjectCrossing = 200ms;  ///< since a chunk was sent, in which a request for it crossed it
 inline constexpr auto kOldParameters = 1s;      ///< since a request for old parameters, in which they are kept
 inline constexpr auto kFeaturesTimeout = 10s;   ///< without a chunk, of an actor
@@ -103,6 +102,8 @@ static_assert(kAssignmentResend < kSilence && kAlarmDelay < kCommandGiveUp && kF
 static_assert(kCommitGather < kLogResend && kLogResendMax < kSilence && kLogResendMax < kTrajectoryGiveUp);
 static_assert(2 * kAcknowledge < kSilence && kAcknowledge < kReplayQuiet && kStatsRetry < kReplayQuiet);
 static_assert(kNextReplyTimeout < kStatsRetry && kStatsDelay < kStatsRetry);
+static_assert(kObjectCrossing < kObjectRetry && kObjectRetry <= kDashboardRetry,
+              "what is lost is sent at the first retry");
 static_assert(kEncoderSettle >= kHeartbeat && kActorSettle >= kHeartbeat && kEndContestTimeout > kHeartbeat);
 static_assert(kPresentInterval < kClaimRepeat && kClaimRepeat < kSilence);
 static_assert(2 * kRankHeartbeat < kRankSilence && kRankRepeat < kRankHeartbeat && kRankPaused < kRankSilence);

@@ -25,16 +25,15 @@ class ChunkStore {
 
   /// Called with the recorded sender and the bytes that answer, on this topic.
   using Send = std::function<void(const Topic& topic, const msg::Header& sender, const Bytes& bytes)>;
-  /// Answers a request on the topic of requests for maps or for pictures.
-  void answer(const Topic& topic, const msg::ObjectRequest& request, const Send& send);
+  /// Answers a request, which was `asked` on the topic of requests for maps or on that for pictures.
+  void answer(const Topic& asked, const msg::ObjectRequest& request, const Send& send);
 
  private:
-  using Piece = std::tuple<std::string, ObjectKey, std::uint32_t>;  // env_service, key, chunk
+  using Piece = std::tuple<std::string, std::string, ObjectKey, std::uint32_t>;  // topic, env_service, key, chunk
   void forget_oldest();
 
-  std::map<Piece, msg::RouteMapChunk> maps_;
-  std::map<Piece, msg::ImageChunk> pictures_;
-  std::deque<Piece> by_age_;  ///< of pictures_
+  std::map<Piece, msg::ImageChunk> chunks_;
+  std::deque<Piece> by_age_;  ///< of pictures
   std::size_t picture_bytes_ = 0;
 };
 

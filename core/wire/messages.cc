@@ -13,7 +13,6 @@
 #include "core/util/name.h"
 #include "core/util/sha256.h"
 #include "core/wire/cdr.h"
-#include "core/wire/transfer.h"
 #include "idl/message_fields.h"
 
 // fastddsgen's structs and CDR functions know no bounds: they would write a sequence over its bound, and reading one
@@ -224,25 +223,11 @@ void check(const RouteMap& m, const std::string& type) {
 
 void check(const Action& m, const std::string& type) { require_actions(m.choice(), true, type, "choice"); }
 
-template <class Message>
-void check_size(const Message& m, const std::string& type) {
+void check(const TraversalInfo& m, const std::string& type) {
   if (m.feature_dimension() > MAX_DIMENSION)
     refuse(type, "feature_dimension", "must be at most " + std::to_string(MAX_DIMENSION));
   check_frames(m.frames(), type);
-}
-
-void check(const TraversalInfo& m, const std::string& type) {
-  check_size(m, type);
   if (m.agents() < 1 || m.agents() > MAX_AGENTS) refuse(type, "agents", "must be 1.." + std::to_string(MAX_AGENTS));
-}
-
-void check(const TraversalChunk& m, const std::string& type) {
-  check_size(m, type);
-  const ChunkLayout layout(m.frames(), m.feature_dimension());
-  if (m.chunk() >= layout.chunks())
-    refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " of " + std::to_string(layout.chunks()) + " chunks");
-  if (m.data().size() != layout.bytes(m.chunk()))
-    refuse(type, "data", counts(m.data().size(), layout.bytes(m.chunk())));
 }
 
 void check(const DescriptorStatus& m, const std::string& type) {
@@ -258,12 +243,6 @@ void check(const DescriptorStatus& m, const std::string& type) {
 void check(const Descriptor& m, const std::string& type) {
   if (m.dimension() < 1 || m.dimension() > MAX_DESCRIPTOR)
     refuse(type, "dimension", "must be 1.." + std::to_string(MAX_DESCRIPTOR));
-}
-
-void check(const PolicyParameters& m, const std::string& type) {
-  if (m.chunk() >= m.chunks())
-    refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " of " + std::to_string(m.chunks()) + " chunks");
-  if (m.data().size() > m.total_bytes()) refuse(type, "data", "more bytes than total_bytes says");
 }
 
 void check(const Trajectory& m, const std::string& type) {

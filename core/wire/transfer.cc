@@ -3,105 +3,72 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <limits>
 
 #include "core/exchange/timing.h"
 
 namespace citylearn {
-namespace {
 
-static_assert(msg::MAX_CHUNK % sizeof(float) == 0, "a float never lies in two chunks");
-static_assert(std::uint64_t{msg::MAX_FRAMES} * (1 + std::uint64_t{msg::MAX_DIMENSION}) * sizeof(float) /
-                      msg::MAX_CHUNK <
-                  std::numeric_limits<std::uint32_t>::max(),
-              "32 bits number the chunks of the largest traversal");
-
-}  // namespace
-
-std::size_t ChunkLayout::bytes(std::uint32_t chunk) const {
-  const std::uint64_t all = frames_ * width_, before = std::uint64_t{chunk} * kFloats;
-  return before >= all ? 0 : std::min(all - before, kFloats) * sizeof(float);
+std::uint32_t frames_per_object(std::uint32_t dimension) {
+  return static_cast<std::uint32_t>(msg::MAX_RANGE / (1 + std::uint64_t{std::min(dimension, msg::MAX_DIMENSION)}));
 }
 
-void ChunkLayout::fill(std::uint32_t chunk, std::span<const float> positions,
-                       const std::function<std::span<const float>(std::uint32_t frame)>& features,
-                       msg::TraversalChunk& message) const {
-  message.frames() = static_cast<std::uint32_t>(frames_);
-  message.feature_dimension() = static_cast<std::uint32_t>(width_ - 1);
-  message.chunk() = chunk;
-  message.data().resize(bytes(chunk));
-  auto* to = message.data().data();
-  each_piece(chunk, [&](std::uint32_t frame, std::size_t column, std::size_t count, std::size_t) {
-    if (column == 0) {
-      std::memcpy(to, &positions[frame], sizeof(float));
-      to += sizeof(float);
-      ++column;
-      --count;
-    }
-    if (count == 0) return;
-    std::memcpy(to, features(frame).data() + column - 1, count * sizeof(float));
-    to += count * sizeof(float);
-  });
+std::shared_ptr<const ObjectBytes> traversal_object(
+    const ObjectKey& key, std::span<const float> positions,
+    const std::function<std::span<const float>(std::uint32_t frame)>& features) {
+  const std::uint32_t most = frames_per_object(key.part);
+  if (key.item >= positions.size() || key.item % most != 0) return nullptr;
+  const std::span<const float> part =
+      positions.subspan(key.item).first(std::min<std::size_t>(most, positions.size() - key.item));
+  msg::Traversal object;
+  object.position().assign(part.begin(), part.end());
+  object.features().reserve(part.size() * key.part);
+  for (std::size_t frame = 0; key.part > 0 && frame < part.size(); ++frame) {
+    const std::span<const float> one = features(static_cast<std::uint32_t>(key.item + frame));
+    object.features().insert(object.features().end(), one.begin(), one.end());
+  }
+  return std::make_shared<ObjectBytes>(key, encode_object(object));
 }
 
-Transfer::Transfer(const What& what) : what_(what), layout_(what.frames, what.dimension), timer_(kTraversalRetry) {
+Transfer::Transfer(const What& what)
+    : what_(what), objects_({.hash = what.hash, .part = what.dimension, .retry = kObjectRetry}) {
   if (what_.count == 0) what_.count = what_.frames - what_.first;
-  first_chunk_ = layout_.first_chunk(what_.first);
-  chunks_ = ChunkSet(layout_.last_chunk(what_.first + what_.count - 1) - first_chunk_ + 1);
+  const std::uint32_t most = frames_per_object(what_.dimension);
+  for (std::uint64_t begin = what_.first / most * most; begin < std::uint64_t{what_.first} + what_.count; begin += most)
+    objects_.want(begin);
   positions.resize(what_.count);
   features.resize(std::size_t{what_.count} * what_.dimension);
 }
 
-bool Transfer::wants(const msg::TraversalChunk& chunk) const {
-  // The index of a chunk before the first one wanted becomes a large number.
-  return chunk.hash() == what_.hash && chunk.feature_dimension() == what_.dimension &&
-         chunks_.wants(chunk.chunk() - first_chunk_);
+Taken Transfer::take(const msg::TraversalChunk& chunk) {
+  Taken taken = objects_.take(chunk, Clock::now());
+  while (const auto object = objects_.next()) {
+    if (put(*object)) continue;
+    objects_.refuse(object->item);
+    taken = Taken::kDamaged;
+  }
+  return taken;
 }
 
-bool Transfer::sound(const msg::TraversalChunk& chunk) const {
-  if (chunk.frames() != what_.frames || chunk.data().size() != layout_.bytes(chunk.chunk())) return false;
-  bool sound = true;
-  layout_.each_piece(chunk.chunk(), [&](std::uint32_t, std::size_t column, std::size_t count, std::size_t offset) {
-    const auto* data = chunk.data().data() + offset * sizeof(float);
-    for (std::size_t i = 0; i < count; ++i) {
-      float number;
-      std::memcpy(&number, data + i * sizeof(float), sizeof number);
-      sound = sound && (std::isfinite(number) || (column + i == 0 && std::isnan(number)));
-    }
-  });
-  return sound;
-}
-
-Transfer::Taken Transfer::take(const msg::TraversalChunk& chunk) {
-  if (!wants(chunk)) return Taken::kNotWanted;
-  if (!sound(chunk)) return Taken::kDamaged;
-  const auto* data = chunk.data().data();
-  layout_.each_piece(chunk.chunk(),
-                     [&](std::uint32_t frame, std::size_t column, std::size_t count, std::size_t offset) {
-                       const std::uint32_t place = frame - what_.first;
-                       if (place >= what_.count) return;
-                       if (column == 0) {
-                         std::memcpy(&positions[place], data + offset * sizeof(float), sizeof(float));
-                         ++column;
-                         ++offset;
-                         --count;
-                       }
-                       if (count == 0) return;
-                       std::memcpy(features.data() + std::size_t{place} * what_.dimension + column - 1,
-                                   data + offset * sizeof(float), count * sizeof(float));
-                     });
-  chunks_.add(chunk.chunk() - first_chunk_);
-  timer_.answered(Clock::now());
-  return Taken::kYes;
-}
-
-bool Transfer::ask(Clock::time_point now, msg::TraversalRequest& request) {
-  if (complete() || !timer_.is_due(now)) return false;
-  request.hash() = what_.hash;
-  request.feature_dimension() = what_.dimension;
-  request.chunks() = chunks_.first_missing(msg::MAX_CHUNKS_ASKED, first_chunk_);
-  timer_.sent(now, request.chunks().size());
+/// Puts what has come to the rest. Returns false when it means nothing.
+bool Transfer::put(const FetchedObject& object) {
+  msg::Traversal sent;
+  try {
+    sent = decode_object<msg::Traversal>(object.bytes);
+  } catch (const Error&) {
+    return false;
+  }
+  const auto begin = static_cast<std::uint32_t>(object.item);
+  const std::uint32_t count = std::min(frames_per_object(what_.dimension), what_.frames - begin);
+  if (std::any_of(sent.position().begin(), sent.position().end(), [](float at) { return std::isinf(at); }))
+    return false;
+  if (sent.position().size() != count || sent.features().size() != std::size_t{count} * what_.dimension) return false;
+  const std::uint32_t from = std::max(begin, what_.first), to = std::min(begin + count, what_.first + what_.count);
+  const auto copy = [&](const std::vector<float>& source, std::vector<float>& target, std::size_t width) {
+    std::copy_n(source.begin() + static_cast<std::ptrdiff_t>((from - begin) * width), (to - from) * width,
+                target.begin() + static_cast<std::ptrdiff_t>((from - what_.first) * width));
+  };
+  copy(sent.position(), positions, 1);
+  copy(sent.features(), features, what_.dimension);
   return true;
 }
 

@@ -86,7 +86,7 @@ void DescriptorExchange::on_request(const msg::DescriptorRequest& request) {
 }
 
 /// Returns the Descriptor of a key, or nothing where some of it is lacking.
-Bytes DescriptorExchange::find(const ObjectKey& key) {
+std::shared_ptr<const ObjectBytes> DescriptorExchange::find(const ObjectKey& key) {
   const auto found = traversals_.find(key.hash);
   if (found == traversals_.end() || !found->second.work) return {};
   const TraversalWork& work = *found->second.work;
@@ -103,7 +103,7 @@ Bytes DescriptorExchange::find(const ObjectKey& key) {
     if (!work.read(frame, to.first(dimension))) return {};  // lost on the disk: the one that asks encodes them
     to = to.subspan(dimension);
   }
-  return encode_object(object);
+  return std::make_shared<ObjectBytes>(key, encode_object(object));
 }
 
 void DescriptorExchange::on_chunk(const msg::DescriptorChunk& chunk, Clock::time_point now) {

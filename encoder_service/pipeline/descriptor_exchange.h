@@ -55,7 +55,7 @@ class DescriptorExchange {
     std::uint64_t hash;
     int block;
     std::uint64_t frames;
-    ObjectFetch object{{hash, static_cast<std::uint32_t>(block), kDescriptorRetry, RequestTimer::kDefaultTries}};
+    ObjectFetch object{{hash, static_cast<std::uint32_t>(block), kObjectRetry, RequestTimer::kDefaultTries}};
   };
 
   BlockClaims& add(std::uint64_t hash, std::uint32_t frames);
@@ -65,7 +65,7 @@ class DescriptorExchange {
   void begin_fetch(std::uint64_t incarnation, std::uint64_t hash, Traversal& traversal);
   void ask(std::uint64_t incarnation, Fetch& fetch, Clock::time_point now);
   bool finish(const Fetch& fetch, const FetchedObject& object, TraversalWork& work);
-  Bytes find(const ObjectKey& key);
+  std::shared_ptr<const ObjectBytes> find(const ObjectKey& key);
 
   Node& node_;
   const Clock::time_point started_;

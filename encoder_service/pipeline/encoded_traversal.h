@@ -30,7 +30,7 @@ struct EncodedTraversal {
       : hash(info.hash()),
         frames(static_cast<int>(info.frames())),
         is_live(citylearn::is_live(info)),
-        images({.hash = hash, .retry = kImageRetry, .max_bytes = msg::MAX_IMAGE + 1024}),
+        images({.hash = hash, .retry = kObjectRetry, .max_bytes = msg::MAX_IMAGE + 1024}),
         positions({hash, info.frames(), 0}) {}
 
   /// "12 s", expected until its last frame is encoded; empty while no frame was.

@@ -108,8 +108,8 @@ const EncodedTraversal* EncodingPipeline::find(std::uint64_t hash) const {
 
 void EncodingPipeline::on_positions(const msg::TraversalChunk& chunk) {
   const auto found = traversals_.find(chunk.hash());
-  if (found == traversals_.end() || chunk.feature_dimension() != 0) return;
-  if (found->second->positions.take(chunk) == Transfer::Taken::kDamaged) ++node_.traffic.rejected;
+  if (found == traversals_.end() || chunk.part() != 0) return;
+  if (found->second->positions.take(chunk) == Taken::kDamaged) ++node_.traffic.rejected;
 }
 
 void EncodingPipeline::on_image(const msg::ImageChunk& chunk) {
@@ -452,7 +452,7 @@ void EncodingPipeline::send_requests() {
     if ((!encoder_ready_ || traversal->bytes < kMaxBacklogBytes) && traversal->images.ask(Clock::now(), image_request_))
       node_.publish(image_request_);
     if (traversal->is_live || !traversal->positions.ask(now_, request_)) continue;
-    request_.environment() = host.c_str();
+    request_.server() = host.c_str();
     node_.publish(request_);
   }
 }

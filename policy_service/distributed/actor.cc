@@ -51,7 +51,7 @@ class Actor {
   void spin();
   void on_info(const msg::LearnerInfo& info);
   void on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement);
-  void on_parameters(const msg::PolicyParameters& chunk);
+  void on_parameters(const msg::ParametersChunk& chunk);
   bool of_learner(const msg::Header& header, const std::string& what);
   void on_assignment(const msg::Assignment& assignment);
   void serve_assigned();
@@ -92,7 +92,7 @@ class Actor {
   msg::ActorStatus status_;
   msg::Assignment assignment_;
   msg::TrajectoryAcknowledgement acknowledgement_;
-  msg::PolicyParameters chunk_;
+  msg::ParametersChunk chunk_;
 };
 
 Actor::Actor(const ActorOptions& options)
@@ -101,8 +101,8 @@ Actor::Actor(const ActorOptions& options)
   node_.create_reader<msg::LearnerInfo>();
   node_.create_reader<msg::Assignment>();
   node_.create_reader<msg::TrajectoryAcknowledgement>();
-  node_.create_reader<msg::PolicyParameters>();
-  node_.create_reader_at<msg::PolicyParameters>("");  // for all actors
+  node_.create_reader<msg::ParametersChunk>();
+  node_.create_reader_at<msg::ParametersChunk>("");  // for all actors
   client_.decide = [this](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
     return decide(env, observation, choice);
   };
@@ -160,10 +160,10 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   next_status_ = Clock::now();
 }
 
-void Actor::on_parameters(const msg::PolicyParameters& chunk) {
+void Actor::on_parameters(const msg::ParametersChunk& chunk) {
   if (!session_ || !session_->prepared() || !of_learner(chunk.header(), "parameters")) return;
   // The learner's announcement comes first and counts: a forged version would be newer than all that it will ever send.
-  if (chunk.version() > session_->info().version()) {
+  if (chunk.item() > session_->info().version()) {
     ++node_.traffic.repeated;
     return;
   }

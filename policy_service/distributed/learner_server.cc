@@ -37,9 +37,15 @@ LearnerServer::LearnerServer(Node& node, const EnvClient& client, Trainer& train
       options_(options),
       // There is room for the next update, and for one more to be taken in meanwhile.
       queue_(shape_of(info_of(trainer), trainer.agent().network->state_size()), 2 * trainer.batch()),
-      rejections_(node) {
+      rejections_(node),
+      server_(
+          [this](const ObjectKey& key) {
+            const auto found = key.hash == node_.incarnation() ? versions_.find(key.item) : versions_.end();
+            return found == versions_.end() ? nullptr : found->second.object;
+          },
+          node.traffic.rejected, 0ms) {  // an actor that lacks something asks again soon
   node_.create_writer<msg::LearnerInfo>();
-  node_.create_writer<msg::PolicyParameters>();
+  node_.create_writer<msg::ParametersChunk>();
   node_.create_reader<msg::ActorStatus>();
   node_.create_reader<msg::Trajectory>();
   node_.create_reader<msg::ParametersRequest>();
@@ -212,11 +218,10 @@ void LearnerServer::end() {
 
 void LearnerServer::send_info() {
   trainer_.describe(info_);
-  const ParameterChunks& newest = versions_.rbegin()->second.chunks;
-  info_.version() = newest.version();
-  info_.total_bytes() = newest.total_bytes();
-  info_.hash() = newest.hash();
-  info_.chunks() = newest.chunks();
+  const ObjectBytes& newest = *versions_.rbegin()->second.object;
+  info_.version() = newest.key.item;
+  info_.total_bytes() = newest.bytes.size();
+  info_.hash() = newest.checksum;
   node_.publish(info_);
   node_.metrics().set_queue("trajectories", queue_.size(), queue_.capacity());
   next_info_ = Clock::now() + kHeartbeat;
@@ -227,36 +232,24 @@ void LearnerServer::send_parameters() {
   const Clock::time_point now = Clock::now();
   std::erase_if(versions_, [&](const auto& entry) { return now - entry.second.asked > kOldParameters; });
   while (versions_.size() >= kMaxVersions) versions_.erase(std::prev(versions_.end()));
-  const auto& newest =
-      versions_.try_emplace(version(), Version{{version(), trainer_.network_parameters()}, {}}).first->second;
+  trainer_.describe(info_);
+  const auto newest = std::make_shared<ObjectBytes>(
+      parameters_object(node_.incarnation(), version(), info_.agent().c_str(), trainer_.network_parameters()));
+  versions_.try_emplace(version(), Version{newest, {}});
   send_info();
   if (actors() == 0) return;
   parameters_.receiver() = "";  // all
-  parameters_.agent() = info_.agent();
-  for (std::uint32_t chunk = 0; chunk < newest.chunks.chunks(); ++chunk) {
-    newest.chunks.fill(chunk, parameters_);
+  for (std::uint32_t chunk = 0; chunk < newest->chunks(); ++chunk) {
+    newest->fill(chunk, parameters_);
     node_.publish(parameters_);
   }
 }
 
 void LearnerServer::on_request(const msg::ParametersRequest& request) {
-  if (request.learner() != node_.options().id) return;
-  const auto found = versions_.find(request.version());
-  if (found == versions_.end()) {
-    ++node_.traffic.repeated;
-    return;
-  }
-  found->second.asked = Clock::now();
-  parameters_.receiver() = request.header().sender();
-  parameters_.agent() = info_.agent();
-  for (const std::uint32_t chunk : request.chunks()) {
-    if (chunk >= found->second.chunks.chunks()) {
-      ++node_.traffic.rejected;
-      continue;
-    }
-    found->second.chunks.fill(chunk, parameters_);
-    node_.publish(parameters_);
-  }
+  for (const std::uint64_t version : request.items())
+    if (const auto found = versions_.find(version); found != versions_.end()) found->second.asked = Clock::now();
+  server_.note(request);
+  while (server_.send(parameters_, [this] { node_.publish(parameters_); })) continue;
 }
 
 }  // namespace citylearn

@@ -11,7 +11,7 @@
 #include "core/wire/rejections.h"
 #include "policy_service/distributed/assignments.h"
 #include "policy_service/distributed/heartbeat_thread.h"
-#include "policy_service/distributed/parameter_chunks.h"
+#include "policy_service/distributed/parameter_fetch.h"
 #include "policy_service/distributed/trajectories.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/learning/trainer.h"
@@ -59,7 +59,7 @@ class LearnerServer {
     double waited = 0, waited_before = 0;  ///< by this incarnation, and by earlier ones
   };
   struct Version {
-    ParameterChunks chunks;
+    std::shared_ptr<const ObjectBytes> object;
     Clock::time_point asked;
   };
 
@@ -91,11 +91,12 @@ class LearnerServer {
   Rejections rejections_;
   std::set<std::string> to_acknowledge_;
   std::map<std::uint64_t, Version> versions_;  ///< parameters: the newest, and those being asked for
+  ObjectServer server_;                        ///< of them
   msg::ActorStatus status_;
   msg::Trajectory trajectory_;
   msg::TrajectoryAcknowledgement acknowledgement_;
   msg::ParametersRequest request_;
-  msg::PolicyParameters parameters_;
+  msg::ParametersChunk parameters_;
   msg::Assignment assignment_;
 };
 

@@ -54,7 +54,7 @@ bool same_task(const msg::LearnerInfo& one, const msg::LearnerInfo& other) {
 }
 
 LearnerSession::LearnerSession(Node& node, const msg::LearnerInfo& info, WorkerPool& workers)
-    : outbox(node), node_(node), info_(info), workers_(workers), requester_(node, learner()) {}
+    : outbox(node), node_(node), info_(info), workers_(workers) {}
 
 EnvRequirements LearnerSession::requirements() const {
   EnvRequirements required;
@@ -99,7 +99,7 @@ bool LearnerSession::prepare(EnvClient& client) {
       std::make_unique<Collector>(CollectorOptions{info.seed(), static_cast<int>(info.first_frame()), steps, steps,
                                                    info.noise_frame(), info.noise_place(), info.noise_episode()},
                                   task_, *network_, workers_);
-  parameters_ = std::make_unique<ParameterAssembly>(network_->parameter_count());
+  parameters_ = std::make_unique<ParameterFetch>(info_, network_->parameter_count());
   begin_lesson();
   expect_parameters();
   return true;
@@ -112,7 +112,7 @@ void LearnerSession::begin_lesson() {
 }
 
 void LearnerSession::expect_parameters() {
-  if (parameters_->expect(info_.version(), info_.total_bytes(), info_.hash(), info_.chunks())) return;
+  if (parameters_->expect(info_)) return;
   throw Error("has other parameters than network '" + std::string(info_.agent().c_str()) + "' of this program",
               "learner '" + learner() + "'", "run the same version everywhere");
 }

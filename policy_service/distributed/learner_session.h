@@ -4,8 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "policy_service/distributed/parameter_chunks.h"
-#include "policy_service/distributed/parameter_requester.h"
+#include "policy_service/distributed/parameter_fetch.h"
 #include "policy_service/distributed/trajectory_outbox.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/rollout/collector.h"
@@ -38,12 +37,12 @@ class LearnerSession {
   const msg::LearnerInfo& info() const { return info_; }
   std::string learner() const { return info_.header().sender().c_str(); }
   Collector& collector() { return *collector_; }
-  ParameterAssembly* parameters() { return parameters_.get(); }  ///< null until prepared
+  ParameterFetch* parameters() { return parameters_.get(); }  ///< null until prepared
   /// Returns the newest complete parameters, null before the first.
   std::shared_ptr<const VersionedParameters> newest_parameters() const {
     return parameters_ ? parameters_->newest() : nullptr;
   }
-  void request_missing_parameters() { requester_.request_missing(*parameters_); }
+  void request_missing_parameters() { parameters_->request_missing(node_); }
 
   TrajectoryOutbox outbox;
 
@@ -57,8 +56,7 @@ class LearnerSession {
   NetworkTask task_;
   std::unique_ptr<const AgentNetwork<float>> network_;
   std::unique_ptr<Collector> collector_;
-  std::unique_ptr<ParameterAssembly> parameters_;
-  ParameterRequester requester_;
+  std::unique_ptr<ParameterFetch> parameters_;
 };
 
 }  // namespace citylearn

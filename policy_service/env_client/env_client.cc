@@ -16,7 +16,7 @@ constexpr std::size_t kMaxAlarms = 8;
 constexpr int kMaxInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
 
 Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
-  return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
+  return Error(std::to_string(route.transfer.missing()) + " parts of its features did not come",
                "traversal '" + env.traversal() + "'", "is env_service '" + env.id + "' still running?");
 }
 

@@ -50,7 +50,7 @@ void FeatureCache::forget() {
 
 void FeatureCache::ask(RouteFeatures& route, const std::string& environment) {
   if (!route.transfer.ask(Clock::now(), request_)) return;
-  request_.environment() = environment.c_str();
+  request_.server() = environment.c_str();
   node_.publish(request_);
 }
 
@@ -61,9 +61,9 @@ bool FeatureCache::take(const msg::TraversalChunk& chunk, bool trusted) {
       right = right && !route->transfer.wants(chunk);
       continue;
     }
-    const Transfer::Taken taken = route->transfer.take(chunk);
-    if (taken == Transfer::Taken::kYes) route->progress = Clock::now();
-    if (taken == Transfer::Taken::kDamaged) right = false;
+    const Taken taken = route->transfer.take(chunk);
+    if (taken == Taken::kYes) route->progress = Clock::now();
+    if (taken == Taken::kDamaged) right = false;
   }
   return right;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fastcdr/Cdr.h>
 
+#include <algorithm>
 #include <cstdlib>
 
 #include "core/recording/wire_header.h"
@@ -70,6 +71,34 @@ bool run(Input input) {
   return true;
 }
 
+void agree(msg::RouteMap& m) { m.position().resize(std::max<std::size_t>(1, m.position().size())); }
+void agree(msg::Descriptor& m) { m.dimension() = 3; }
+template <class Object>
+void agree(Object&) {}
+
+/// The bytes of an object of this kind.
+template <class Object>
+Bytes object_of(Size size) {
+  testing::Filler filler(size);
+  Object object;
+  visit(object, filler);
+  agree(object);
+  return encode_object(object);
+}
+
+/// decode_object(), held to the same promises.
+template <class Object>
+bool run_object(Input input) {
+  const std::size_t before = allocated_bytes;
+  Object object;
+  if (!accepted([&] { object = decode_object<Object>(input); })) return false;
+  require(allocated_bytes - before <= input.size() + kError, "no more is allocated than the bytes can hold");
+  const Bytes bytes = encode_object(object);
+  require(bytes.size() <= input.size() && input.size() - bytes.size() <= 3, "nothing but padding is left out");
+  require(encode_object(decode_object<Object>(bytes)) == bytes, "a second time round changes nothing");
+  return true;
+}
+
 template <class Message>
 Bytes big_endian(const Message& message) {
   Bytes bytes(testing::encoded(message).size());
@@ -96,6 +125,11 @@ const std::map<std::string, MessageTarget>& message_targets() {
                       {"big-endian", big_endian(typical)}};
       target.run = run<Message>;
     });
+#define CITYLEARN_FUZZ_OBJECT(TYPE)                                                 \
+  all["object_" #TYPE].seeds = {{"least", object_of<msg::TYPE>(Size::kMin)},        \
+                                {"typical", object_of<msg::TYPE>(Size::kTypical)}}; \
+  all["object_" #TYPE].run = run_object<msg::TYPE>;
+    CITYLEARN_OBJECTS(CITYLEARN_FUZZ_OBJECT)
     require(!__sanitizer_install_malloc_and_free_hooks || allocated_bytes > 0, "memory is counted");
     return all;
   }();

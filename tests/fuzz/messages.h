@@ -18,7 +18,7 @@ struct MessageTarget {
   std::function<bool(Input)> run;
 };
 
-/// Every type of the wire, by its topic without "citylearn/".
+/// Every type of the wire, by its topic without "citylearn/", and every kind of object, as "object_Image".
 const std::map<std::string, MessageTarget>& message_targets();
 
 }  // namespace citylearn::fuzz

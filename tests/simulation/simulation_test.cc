@@ -75,7 +75,7 @@ TEST(Simulation, AMessageReachesAsManyServicesHoweverManyHostsThereAre) {
       expect_copies(message, "1.0");
     expect_copies("episode_stat", "3.0");
     expect_copies("training_stat", "2.0");
-    expect_copies("policy_parameters", std::to_string(hosts) + ".0");
+    expect_copies("parameters_chunk", std::to_string(hosts) + ".0");
     const std::string joins = ", observation ";
     const std::size_t at = output.text.rfind(joins);
     ASSERT_NE(at, std::string::npos) << output.text;

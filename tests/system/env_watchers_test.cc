@@ -30,7 +30,6 @@ TEST_P(EnvWatchers, TellsWhatItHosts) {
   EXPECT_EQ(info.frames(), 200u);
   EXPECT_EQ(info.feature_dimension(), 64u);
   EXPECT_EQ(info.agents(), 8u);
-  EXPECT_EQ(info.chunks(), 2u) << "200 x 65 floats are 52,000 bytes";
   EXPECT_FALSE(info.by_reference());
   EXPECT_EQ(info.settings().version(), 0u) << "nobody has commanded it";
   const int before = policy_->infos;
@@ -53,15 +52,11 @@ TEST_P(EnvWatchers, HandsOutItsTraversal) {
   Transfer transfer({traversal.hash(), 200, 64});
   for (const auto& [index, chunk] : policy_->chunks) {
     EXPECT_EQ(chunk.chunk(), index);
-    EXPECT_EQ(transfer.take(chunk), Transfer::Taken::kYes);
+    EXPECT_EQ(transfer.take(chunk), Taken::kYes);
   }
   ASSERT_TRUE(transfer.complete());
   EXPECT_EQ(transfer.positions, traversal.positions);
   EXPECT_EQ(transfer.features, traversal.features);
-  std::vector<float> fourth(65);  // position and feature of frame 3, as idl/traversal.idl lays them out
-  std::memcpy(fourth.data(), policy_->chunks.at(0).data().data() + 3 * 65 * 4, 65 * 4);
-  EXPECT_EQ(fourth[0], traversal.positions[3]);
-  EXPECT_TRUE(std::ranges::equal(std::span(fourth).subspan(1), traversal.feature(3)));
 }
 
 TEST_P(EnvWatchers, EveryRecorderGetsEveryEpisode) {

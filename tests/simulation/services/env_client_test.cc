@@ -9,6 +9,7 @@
 #include "core/exchange/object_fetch.h"
 #include "core/exchange/timing.h"
 #include "core/util/random.h"
+#include "core/wire/transfer.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
 #include "tests/support/options.h"
@@ -200,7 +201,7 @@ TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsRefusedInTheEnd) {
     return !refused.refusal.empty();
   }));
   EXPECT_EQ(refused.refusal,
-            "traversal 'hoard': 163 chunks of its features did not come (is env_service 'miser' still running?)");
+            "traversal 'hoard': 3 parts of its features did not come (is env_service 'miser' still running?)");
   const std::size_t before = player.shown["env-line"].size();
   ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > before + 10; }));
   tell();
@@ -220,10 +221,10 @@ TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   info.feature_dimension() = 2;
   msg::TraversalChunk chunk;
   chunk.receiver() = "policy";
-  chunk.hash() = 77;
   const std::vector<float> positions(3), features(2, 5.0f);
-  ChunkLayout(3, 2).fill(
-      0, positions, [&](std::uint32_t) { return std::span<const float>(features); }, chunk);
+  traversal_object({77, 2, 0}, positions, [&](std::uint32_t) {
+    return std::span<const float>(features);
+  })->fill(0, chunk);
   EnvClientOptions options;
   options.observing = Observing::kByReference;
   Player player(run_, options);
@@ -368,16 +369,15 @@ TEST_F(EnvClientTest, TheCacheKeepsWhatIsHeldAndLittleElse) {
   msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
   info.frames() = 100;
   info.feature_dimension() = 100;
-  const ChunkLayout layout(100, 100);
   const std::vector<float> features(100, 1.0f), positions(100);
   const auto fetch = [&](std::uint64_t hash, std::uint32_t first, std::uint32_t count) {
     info.hash() = hash;
     auto route = cache.want(info, first, count);
     const bool here = route->complete();
     msg::TraversalChunk chunk;
-    chunk.hash() = hash;
-    layout.fill(
-        0, positions, [&](std::uint32_t) { return std::span<const float>(features); }, chunk);
+    traversal_object({hash, 100, 0}, positions, [&](std::uint32_t) {
+      return std::span<const float>(features);
+    })->fill(0, chunk);
     cache.take(chunk);
     EXPECT_TRUE(route->complete());
     return std::pair(route, here);

@@ -35,7 +35,7 @@ class Stranger {
     std::optional<Message> found;
     const auto heard = [&] {
       topics_.take([&](const Topic& topic, const Bytes& bytes) {
-        if (found || topic.type != topic_of<Message>().type) return;
+        if (found || base_topic(topic.name) != topic_of<Message>().name) return;
         Message message;
         decode(std::span<const std::byte>(bytes), message);
         if (wanted(message)) found = message;
@@ -254,7 +254,7 @@ TEST_F(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << learner->output() << actor->output();
   const auto trajectory = stranger_.hear<msg::Trajectory>();
   const auto info = stranger_.hear<msg::LearnerInfo>();
-  const auto parameters = stranger_.hear<msg::PolicyParameters>();
+  const auto parameters = stranger_.hear<msg::ParametersChunk>();
   const auto acknowledgement = stranger_.hear<msg::TrajectoryAcknowledgement>();
 
   // As another actor, which the learner would believe.
@@ -292,7 +292,7 @@ TEST_F(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   --forged.header().incarnation();
   expect_counted("parameters of an older learner", "actor", rejected, [&] { stranger_.say(forged); });
   forged = parameters;
-  forged.version() += 1'000'000;
+  forged.item() += 1'000'000;
   expect_counted("parameters that were not announced", "actor", repeated, [&] { stranger_.say(forged); });
   auto taken = acknowledgement;
   taken.number() = 1'000'000'000;

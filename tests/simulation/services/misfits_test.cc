@@ -94,7 +94,6 @@ class Miser {
     info_.frames() = 160;
     info_.feature_dimension() = 64;
     info_.agents() = 8;
-    info_.chunks() = 1;
   }
   void introduce() {
     if (Clock::now() < again_) return;
@@ -122,7 +121,7 @@ TEST_F(Misfits, OneThatDeliversNoFeaturesDoesNotEndATraining) {
       << run->output();
   EXPECT_EQ(status, 0) << run->output();
   EXPECT_EQ(times_logged(*run, "a-miser"), 1) << run->output();
-  EXPECT_TRUE(contains(run->output(), "chunks of its features did not come")) << run->output();
+  EXPECT_TRUE(contains(run->output(), "parts of its features did not come")) << run->output();
 }
 
 TEST_F(Misfits, OneThatDiesBeforeItsFeaturesCameIsNotWaitedFor) {

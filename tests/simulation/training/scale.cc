@@ -110,7 +110,8 @@ Scale::Scale(const Layout& layout, Time latency) : layout_(layout), traversal_(t
     const double agents = layout_.agents;
     if (topic.type == topic_of<msg::Observation>().type) charge(sender, costs_.env * agents);
     if (topic.type == topic_of<msg::Action>().type) charge(sender, costs_.actor * agents);
-    if (topic.type == topic_of<msg::PolicyParameters>().type || topic.type == topic_of<msg::LearnerInfo>().type)
+    if (base_topic(topic.name) == topic_of<msg::ParametersChunk>().name ||
+        topic.type == topic_of<msg::LearnerInfo>().type)
       charge(sender, costs_.copy * layout_.actors);
   };
   network_.taken = [this](Process& receiver, const Topic& topic, std::span<const std::byte>) {

@@ -14,7 +14,7 @@
 #include "core/files/files.h"
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
-#include "policy_service/distributed/parameter_chunks.h"
+#include "policy_service/distributed/parameter_fetch.h"
 #include "policy_service/network/checkpoint.h"
 #include "tests/simulation/training/invariants.h"
 #include "tests/simulation/training/records.h"
@@ -53,7 +53,7 @@ class Training {
 
   Process* add(const std::string& id, Process::Body body);
   void watch(const Process& sender, const Topic& topic, std::span<const std::byte> sample);
-  std::string check_parameters(std::uint64_t version, std::uint64_t hash);
+  std::string check_parameters(const msg::LearnerInfo& info);
   void supervise();
   void advance();
   bool stop(const Group& group);
@@ -147,19 +147,20 @@ void Training::watch(const Process& sender, const Topic& topic, std::span<const 
   } else if (topic.type == topic_of<msg::LearnerInfo>().type) {
     msg::LearnerInfo message;
     decode(sample, message);
-    if (evidence_.wrong_parameters.empty())
-      evidence_.wrong_parameters = check_parameters(message.version(), message.hash());
+    if (evidence_.wrong_parameters.empty()) evidence_.wrong_parameters = check_parameters(message);
   }
 }
 
 /// Returns what is wrong with parameters that a learner announces.
-std::string Training::check_parameters(std::uint64_t version, std::uint64_t hash) {
+std::string Training::check_parameters(const msg::LearnerInfo& info) {
+  const std::uint64_t version = info.version(), hash = info.hash();
   const std::string path = std::string(kPolicy) + "/checkpoints/checkpoint-" + std::to_string(version) + ".clk";
   if (version == 0 || !std::filesystem::exists(path) || !checked_.insert({policy_->starts(), version, hash}).second)
     return "";
   const Matrix<float> saved = read_checkpoint(path).tensors.at("learner.parameters");
-  const ParameterChunks chunks(version, saved.reshaped());
-  return chunks.hash() == hash ? "" : "those of update " + std::to_string(version) + " differ";
+  return parameters_object(0, version, info.agent().c_str(), saved.reshaped()).checksum == hash
+             ? ""
+             : "those of update " + std::to_string(version) + " differ";
 }
 
 void Training::supervise() {

@@ -50,8 +50,8 @@ class ScriptedPolicy {
   int observations = 0, repeated = 0;
   std::map<std::uint64_t, msg::EpisodeStat> episodes;  ///< by number
   int episode_messages = 0;
-  std::uint64_t recorded = 0;  ///< all up to this one are in `episodes`
-  std::map<std::uint32_t, msg::TraversalChunk> chunks;
+  std::uint64_t recorded = 0;                           ///< all up to this one are in `episodes`
+  std::map<std::uint32_t, msg::TraversalChunk> chunks;  ///< of its first object
   msg::ServiceStatus status;
   int statuses = 0;
 
@@ -120,9 +120,10 @@ class ScriptedPolicy {
   }
   void request(std::uint64_t hash, const std::vector<std::uint32_t>& wanted) {
     msg::TraversalRequest message;
-    message.environment() = environment_;
+    message.server() = environment_;
     message.hash() = hash;
-    message.feature_dimension() = info.feature_dimension();
+    message.part() = info.feature_dimension();
+    message.items() = {0};
     message.chunks() = wanted;
     node.publish(message);
   }

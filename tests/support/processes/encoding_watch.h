@@ -43,7 +43,7 @@ class EncodingWatch {
     msg::TraversalRequest request;
     const auto come = [&] {
       if (transfer.ask(Clock::now(), request)) {
-        request.environment() = info.header().sender();
+        request.server() = info.header().sender();
         node_.publish(request);
       }
       while (node_.take(chunk_)) transfer.take(chunk_);

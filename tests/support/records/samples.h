@@ -7,7 +7,6 @@
 
 #include "core/task/action.h"
 #include "core/wire/messages.h"
-#include "core/wire/transfer.h"
 #include "idl/message_fields.h"
 
 namespace citylearn::testing {
@@ -99,12 +98,6 @@ inline void agree(Filler&, msg::TrainingStat& m) {
   m.gradient_norm(std::numeric_limits<float>::infinity());
 }
 
-inline void agree(Filler& f, msg::PolicyParameters& m) {
-  m.total_bytes(m.data().size() * 3);
-  m.chunk(f.least() ? 0 : 1);
-  m.chunks(f.least() ? 1 : 3);
-}
-
 inline void agree(Filler& f, msg::Trajectory& m) {
   const std::size_t steps = f.least() ? 0 : f.most() ? msg::MAX_STEPS : 32;
   const auto fill = [&](std::size_t size, auto&... sequences) { (f.resize(sequences, size, size), ...); };
@@ -125,14 +118,6 @@ inline void agree(Filler& f, msg::TraversalInfo& m) {
   m.frames(f.least() ? 1 : f.most() ? msg::MAX_FRAMES : 500);
   m.feature_dimension(f.least() ? 0 : f.most() ? msg::MAX_DIMENSION : 64);
   m.agents(f.least() ? 1 : f.most() ? msg::MAX_AGENTS : 16);
-}
-
-inline void agree(Filler& f, msg::TraversalChunk& m) {
-  f.resize(m.data(), 10 * 65 * sizeof(float), msg::MAX_CHUNK);
-  if (f.least()) m.data().resize(sizeof(float));  // one frame, no features
-  m.frames(f.least() ? 1 : f.most() ? msg::MAX_FRAMES : 10);
-  m.feature_dimension(f.least() ? 0 : f.most() ? msg::MAX_DIMENSION : 64);
-  m.chunk(f.most() ? ChunkLayout(msg::MAX_FRAMES, msg::MAX_DIMENSION).chunks() - 2 : 0);
 }
 
 template <std::derived_from<msg::ObjectChunk> Chunk>

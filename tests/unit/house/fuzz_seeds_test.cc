@@ -113,7 +113,7 @@ std::vector<Byte> broken(std::vector<Byte> file, std::mt19937& random) {
 
 TEST(FuzzSeeds, EveryTypeOfMessageTakesItsSeedsAndFewBrokenOnes) {
   std::mt19937 random(1);
-  EXPECT_EQ(fuzz::message_targets().size(), all_topics().size());
+  EXPECT_EQ(fuzz::message_targets().size(), all_topics().size() + 5) << "and the kinds of objects";
   for (const auto& [type, target] : fuzz::message_targets()) {
     int refused = 0;
     for (const auto& [name, bytes] : target.seeds) {
@@ -121,7 +121,7 @@ TEST(FuzzSeeds, EveryTypeOfMessageTakesItsSeedsAndFewBrokenOnes) {
       EXPECT_TRUE(target.run(bytes));
       for (int round = 0; round < 300; ++round) refused += !target.run(broken(bytes, random));
     }
-    EXPECT_GT(refused, 300) << type;
+    EXPECT_GT(refused, type.starts_with("object") ? 50 : 300) << type;
   }
 }
 

@@ -14,7 +14,7 @@ message!(Header { protocol: u32, session: String, sender: String, incarnation: u
 message!(SettingsId { incarnation: u64, version: u32 });
 message!(TraversalInfo {
     header: Header, settings: SettingsId, dataset: String, traversal: String, condition: String, hash: u64,
-    frames: u32, feature_dimension: u32, agents: u32, chunks: u32, by_reference: bool, images: bool,
+    frames: u32, feature_dimension: u32, agents: u32, by_reference: bool, images: bool,
     encoder: String, encoder_service: String, encoder_incarnation: u64,
 });
 message!(TaskSettings {

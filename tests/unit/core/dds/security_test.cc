@@ -278,7 +278,7 @@ std::multimap<std::string, std::string> declared(const std::string& text) {
 Rights done(const std::vector<std::string>& sources) {
   Rights rights;
   const std::regex reads(R"((?:create_reader\w*|listen)<msg::(\w+)>)"), writes(R"(create_writer\w*<msg::(\w+)>)");
-  const std::regex publishes(R"(node_\.(?:publish|forward)\((?:\w+(?:->|\.))*(\w+)[,)])");
+  const std::regex publishes(R"(\bnode_?\.(?:publish|forward)\((?:\w+(?:->|\.))*(\w+)[,)])");
   for (const std::string& source : sources) {
     const fs::path header = fs::path(source).replace_extension(".h");
     const std::string text = text_of(source);
@@ -314,7 +314,7 @@ TEST(Permissions, AreWhatTheServicesDo) {
   policy.insert(policy.end(), {"policy_service/records", "policy_service/ranks/rank_node.cc"});
   learner = policy;
   learner.push_back(distributed + "learner_server.cc");
-  for (const char* source : {"actor.cc", "learner_session.cc", "parameter_requester.cc", "trajectory_outbox.cc"})
+  for (const char* source : {"actor.cc", "learner_session.cc", "parameter_fetch.cc", "trajectory_outbox.cc"})
     actor.push_back(distributed + source);
   expect_rights("env_service", done({"env_service"}));
   expect_rights("encoder_service", done({"encoder_service"}));

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <memory>
 #include <optional>
 #include <random>
 #include <set>
@@ -22,8 +23,12 @@ Bytes bytes_of(const ObjectKey& key) {
   return bytes;
 }
 
+std::shared_ptr<const ObjectBytes> find(const ObjectKey& key) {
+  return key.item == 9 ? nullptr : std::make_shared<ObjectBytes>(key, bytes_of(key));
+}
+
 struct Wire {
-  explicit Wire(const FetchOptions& options = {.hash = 5, .part = 2, .retry = kImageRetry}) : fetch(options) {}
+  explicit Wire(const FetchOptions& options = {.hash = 5, .part = 2, .retry = kObjectRetry}) : fetch(options) {}
 
   /// Asks when it is due, and returns what the server sends then.
   std::vector<msg::ObjectChunk> answer() {
@@ -39,7 +44,7 @@ struct Wire {
     return chunks;
   }
   /// Starts the server again, which knows nothing of what it sent.
-  void restart() { server.emplace(bytes_of, rejected); }
+  void restart() { server.emplace(find, rejected); }
   void expect_next(std::uint64_t item) {
     const auto object = fetch.next();
     ASSERT_TRUE(object) << item;
@@ -48,7 +53,7 @@ struct Wire {
   }
 
   std::uint64_t rejected = 0;
-  std::optional<ObjectServer> server{std::in_place, bytes_of, rejected};
+  std::optional<ObjectServer> server{std::in_place, find, rejected};
   ObjectFetch fetch;
   Clock::time_point now = Clock::now();
   int requests = 0;
@@ -85,7 +90,7 @@ TEST(Objects, AreCompleteHoweverMuchIsLost) {
     for (int round = 0; round < 1000 && wire.fetch.missing() > 0; ++round) {
       for (const msg::ObjectChunk& chunk : wire.answer())
         if (std::uniform_real_distribution<>()(numbers) >= loss) wire.fetch.take(chunk, wire.now);
-      wire.now += kImageRetry;
+      wire.now += kObjectRetry;
       wire.restart();  // it may be killed at any time
     }
     EXPECT_LE(wire.requests, loss == 0 ? 3 : 1000) << "64 chunks a request";
@@ -113,10 +118,10 @@ TEST(Objects, RequestsThatCrossTheirAnswersBringNothingTwice) {
   Wire wire;
   wire.fetch.want(3);
   ASSERT_EQ(wire.answer().size(), 3u);
-  wire.now += kImageRetry;  // all was lost, but the server's clock has not gone on
+  wire.now += kObjectRetry;  // all was lost, but the server's clock has not gone on
   EXPECT_TRUE(wire.answer().empty());
   EXPECT_EQ(wire.requests, 2);
-  wire.now += kImageRetry;
+  wire.now += kObjectRetry;
   wire.restart();
   EXPECT_EQ(wire.answer().size(), 3u);
 }
@@ -131,7 +136,7 @@ TEST(Objects, ThatAreNotThereAreSaidToBeSo) {
 }
 
 TEST(Objects, WithAWrongChecksumAreAskedForAnewAndThenGivenUp) {
-  Wire wire({.hash = 5, .part = 2, .retry = kImageRetry, .most_tries = 6});
+  Wire wire({.hash = 5, .part = 2, .retry = kObjectRetry, .most_tries = 6});
   wire.fetch.want(3);
   for (int copy = 0; copy < ObjectFetch::kMaxDamaged; ++copy) {
     EXPECT_FALSE(wire.fetch.gave_up(wire.now));
@@ -142,7 +147,7 @@ TEST(Objects, WithAWrongChecksumAreAskedForAnewAndThenGivenUp) {
     for (const msg::ObjectChunk& chunk : chunks) damaged += wire.fetch.take(chunk, wire.now) == Taken::kDamaged;
     EXPECT_EQ(damaged, 1);
     EXPECT_FALSE(wire.fetch.next());
-    wire.now += kImageRetry;
+    wire.now += kObjectRetry;
     wire.restart();
   }
   EXPECT_TRUE(wire.fetch.gave_up(wire.now));
@@ -154,17 +159,17 @@ TEST(Objects, ThatWereWrittenAnewMeanwhileBeginAnew) {
   std::vector<msg::ObjectChunk> old = wire.answer();
   for (msg::ObjectChunk& chunk : old) chunk.checksum() = 7;
   EXPECT_EQ(wire.fetch.take(old[0], wire.now), Taken::kYes);
-  wire.now += kImageRetry;
+  wire.now += kObjectRetry;
   wire.restart();
   for (const msg::ObjectChunk& chunk : wire.answer()) wire.fetch.take(chunk, wire.now);
-  wire.now += kImageRetry;
+  wire.now += kObjectRetry;
   wire.restart();
   for (const msg::ObjectChunk& chunk : wire.answer()) wire.fetch.take(chunk, wire.now);
   wire.expect_next(3);
 }
 
 TEST(Objects, OfOthersAndOfWrongSizesAreNotTaken) {
-  Wire wire({.hash = 5, .part = 2, .retry = kImageRetry, .max_bytes = 3 * msg::MAX_CHUNK});
+  Wire wire({.hash = 5, .part = 2, .retry = kObjectRetry, .max_bytes = 3 * msg::MAX_CHUNK});
   wire.fetch.want(3);
   wire.fetch.want(7);
   const std::vector<msg::ObjectChunk> chunks = wire.answer();
@@ -184,7 +189,7 @@ TEST(Objects, OfOthersAndOfWrongSizesAreNotTaken) {
 }
 
 TEST(Objects, ThatNobodyAnswersForAreGivenUp) {
-  Wire wire({.hash = 5, .part = 2, .retry = kImageRetry, .most_tries = 6});
+  Wire wire({.hash = 5, .part = 2, .retry = kObjectRetry, .most_tries = 6});
   wire.fetch.want(1);
   int tries = 0;
   msg::ObjectRequest request;
@@ -209,7 +214,7 @@ TEST(Objects, AreWantedNoLongerOnceDropped) {
 TEST(ObjectServer, SendsToOneServiceWhatItSentToAnother) {
   std::uint64_t rejected = 0;
   int found = 0;
-  ObjectServer server([&](const ObjectKey& key) { return ++found, bytes_of(key); }, rejected);
+  ObjectServer server([&](const ObjectKey& key) { return ++found, find(key); }, rejected);
   msg::ObjectRequest request;
   request.items() = {3, 1};
   for (const char* asker : {"one", "two"}) {

@@ -58,19 +58,9 @@ void agree(msg::EpisodeStat& m) {
   m.episode() = m.acknowledged() + 1;
   m.steps() = 10;
 }
-void agree(msg::TraversalChunk& m) {
-  m.frames() = 1;
-  m.feature_dimension() = m.chunk() = 0;
-  m.data() = {0, 0, 0x80, 0x3F};  // 1.0
-}
 template <std::derived_from<msg::ObjectChunk> Chunk>
 void agree(Chunk& m) {
   m.chunk() = 0;
-  m.total_bytes() = 3;
-}
-void agree(msg::PolicyParameters& m) {
-  m.chunk() = 0;
-  m.chunks() = 1;
   m.total_bytes() = 3;
 }
 void agree(msg::Trajectory& m) {

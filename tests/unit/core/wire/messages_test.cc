@@ -198,12 +198,6 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::TraversalInfo>("agents: must be 1..256", [](auto& m) { m.agents(257); });
   expect_error<msg::TraversalInfo>("feature_dimension: must be at most 262144",
                                    [](auto& m) { m.feature_dimension(msg::MAX_DIMENSION + 1); });
-  expect_error<msg::TraversalChunk>("data: 2599 entries, should be 2600", [](auto& m) { m.data().pop_back(); });
-  expect_error<msg::TraversalChunk>("chunk: index 1 of 1 chunks", [](auto& m) { m.chunk(1); });
-  expect_error<msg::TraversalChunk>("data: 2600 entries, should be 2860", [](auto& m) { m.frames(11); });
-  expect_error<msg::TraversalChunk>("frames: must be 1..1048576", [](auto& m) { m.frames(0); });
-  expect_error<msg::TraversalChunk>("feature_dimension: must be at most 262144",
-                                    [](auto& m) { m.feature_dimension(msg::MAX_DIMENSION + 1); });
   expect_error<msg::ImageChunk>("data: 4999 entries, should be 5000", [](auto& m) { m.data().pop_back(); });
   expect_error<msg::ImageChunk>("chunk: index 3 is beyond the object", [](auto& m) { m.chunk(3); });
   expect_error<msg::DescriptorChunk>("total_bytes: must be at most 268436480",
@@ -214,8 +208,6 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::DescriptorStatus>("claimed: block 17 of 16", [](auto& m) { m.claimed()[0] = 17; });
   expect_error<msg::DescriptorStatus>("acknowledged: 16 entries, should be 17 as many as heard has",
                                       [](auto& m) { m.heard().push_back(1); });
-  expect_error<msg::PolicyParameters>("chunk: index 3 of 3 chunks", [](auto& m) { m.chunk(3); });
-  expect_error<msg::PolicyParameters>("data: more bytes than total_bytes says", [](auto& m) { m.total_bytes(7); });
   expect_error<msg::Trajectory>("shown: 32 entries, should be 33, one more than action has",
                                 [](auto& m) { m.shown().pop_back(); });
   expect_error<msg::Trajectory>("reward: 31 entries, should be 32 as many as action has",
@@ -284,6 +276,8 @@ TEST(Messages, ObjectsGoRoundOrAreRefused) {
             map + "latitude: 1 entries, should be 2");
   EXPECT_EQ(object_error<msg::RouteMap>([](auto& m) { m.position({1}), m.latitude({3}); }),
             map + "longitude: 0 entries, should be 1 as many as latitude has");
+  EXPECT_EQ(object_error<msg::Traversal>([](auto& m) { m.position({1}), m.features({2, 3}); }), "");
+  EXPECT_EQ(object_error<msg::Parameters>([](auto& m) { m.agent("ppo"), m.values({2, 3}); }), "");
   EXPECT_EQ(object_error<msg::Descriptor>([](auto& m) { m.dimension(2), m.values({1, 2}); }), "");
   EXPECT_EQ(object_error<msg::Descriptor>([](auto&) {}), descriptor + "dimension: must be 1..1048576");
   const float infinite = std::numeric_limits<float>::infinity();

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Positions and features cut into chunks and put together again.
+// Positions and features of frames as objects, and put together again.
 #include "core/wire/transfer.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 #include <numeric>
 
@@ -14,25 +13,23 @@
 namespace citylearn {
 namespace {
 
-using Taken = Transfer::Taken;
-
-/// F x D numbers that are all different (as far as floats tell), and their chunks.
+/// F x D numbers that are all different (as far as floats tell).
 struct Route {
-  Route(std::uint32_t frames, std::uint32_t width) : layout(frames, width), dimension(width) {
-    positions.resize(frames);
+  Route(std::uint32_t frames, std::uint32_t width) : dimension(width), positions(frames) {
     features.resize(std::size_t{frames} * dimension);
     std::iota(positions.begin(), positions.end(), -1000.0f);
     std::iota(features.begin(), features.end(), 1.0f);
-    for (std::uint32_t index = 0; index < layout.chunks(); ++index) {
-      msg::TraversalChunk& chunk = chunks.emplace_back();
-      chunk.hash() = 7;
-      layout.fill(
-          index, positions,
-          [&](std::uint32_t frame) {
-            return std::span<const float>(features).subspan(std::size_t{frame} * dimension, dimension);
-          },
-          chunk);
-    }
+  }
+  std::shared_ptr<const ObjectBytes> object(std::uint64_t first) const {
+    return traversal_object({7, dimension, first}, positions, [&](std::uint32_t frame) {
+      return std::span<const float>(features).subspan(std::size_t{frame} * dimension, dimension);
+    });
+  }
+  std::vector<msg::TraversalChunk> chunks(std::uint64_t first) const {
+    const auto whole = object(first);
+    std::vector<msg::TraversalChunk> all(whole->chunks());
+    for (std::uint32_t index = 0; index < whole->chunks(); ++index) whole->fill(index, all[index]);
+    return all;
   }
   Transfer transfer(std::uint32_t first = 0, std::uint32_t count = 0) const {
     return Transfer({7, static_cast<std::uint32_t>(positions.size()), dimension, first, count});
@@ -47,143 +44,97 @@ struct Route {
                            features.begin() + std::size_t{what.first + what.count} * dimension));
   }
 
-  ChunkLayout layout;
   std::uint32_t dimension;
   std::vector<float> positions, features;
-  std::vector<msg::TraversalChunk> chunks;
 };
 
-/// Frames x features: many frames a chunk, chunks that end with a frame, several chunks a frame, positions alone, one
-/// frame.
-const std::pair<std::uint32_t, std::uint32_t> kSizes[] = {{500, 64},  {7, 12287},  {6, 12288}, {5, 21168}, {30000, 0},
-                                                          {24, 4095}, {3, 100000}, {1, 1},     {12288, 0}, {12289, 0}};
-
-TEST(Transfer, NumbersThatAreNotFiniteAreDamage) {
-  const float nan = std::numeric_limits<float>::quiet_NaN(), infinite = std::numeric_limits<float>::infinity();
-  const Route route(4, 3);
-  const auto with = [&](std::size_t at, float number) {
-    Transfer transfer = route.transfer();
-    msg::TraversalChunk chunk = route.chunks[0];
-    std::memcpy(chunk.data().data() + at * sizeof number, &number, sizeof number);
-    return transfer.take(chunk);
-  };
-  EXPECT_EQ(with(5, 1e30f), Taken::kYes);
-  EXPECT_EQ(with(5, nan), Taken::kDamaged) << "a feature of frame 1";
-  EXPECT_EQ(with(7, -infinite), Taken::kDamaged);
-  EXPECT_EQ(with(4, nan), Taken::kYes) << "its position, which may be unknown";
-  EXPECT_EQ(with(4, infinite), Taken::kDamaged);
-}
-
-TEST(ChunkLayout, EveryByteStandsInOneChunkAndAllButTheLastAreFull) {
-  for (const auto& [frames, dimension] : kSizes) {
-    const ChunkLayout layout(frames, dimension);
-    std::size_t bytes = 0;
-    for (std::uint32_t chunk = 0; chunk < layout.chunks(); ++chunk) {
-      if (chunk + 1 < layout.chunks()) {
-        EXPECT_EQ(layout.bytes(chunk), std::size_t{msg::MAX_CHUNK});
-      }
-      EXPECT_GT(layout.bytes(chunk), 0u);
-      bytes += layout.bytes(chunk);
-    }
-    EXPECT_EQ(bytes, std::size_t{frames} * (1 + dimension) * 4) << frames << " x " << dimension;
-    EXPECT_EQ(layout.bytes(layout.chunks()), 0u);
-    EXPECT_EQ(layout.bytes(0xFFFFFFFF), 0u);
-    EXPECT_EQ(layout.first_chunk(0), 0u);
-    EXPECT_EQ(layout.last_chunk(frames - 1), layout.chunks() - 1);
-  }
-}
-
-TEST(ChunkLayout, TheLargestTraversalIsCountedWithoutOverflow) {
-  const ChunkLayout layout(msg::MAX_FRAMES, msg::MAX_DIMENSION);
-  EXPECT_EQ(layout.chunks(), 22369707u);  // idl/traversal.idl
-  EXPECT_EQ(std::uint64_t{layout.chunks() - 1} * msg::MAX_CHUNK + layout.bytes(layout.chunks() - 1),
-            std::uint64_t{1048576} * 262145 * 4);
-  EXPECT_EQ(layout.last_chunk(msg::MAX_FRAMES - 1), 22369706u);
-}
+/// Frames x features: one object, objects that end with the traversal, several of them, one a frame, positions alone.
+const std::pair<std::uint32_t, std::uint32_t> kSizes[] = {{500, 64},  {128, 12287}, {70, 12287}, {5, 200000},
+                                                          {30000, 0}, {1, 1},       {786433, 0}, {600, 4095}};
 
 TEST(Transfer, TakesChunksInAnyOrderAndRepeated) {
   for (const auto& [frames, dimension] : kSizes) {
     const Route route(frames, dimension);
-    std::vector<std::size_t> order(2 * route.chunks.size());  // each twice
-    std::iota(order.begin(), order.end(), 0);
+    std::vector<msg::TraversalChunk> chunks;
+    for (std::uint64_t first = 0; first < frames; first += frames_per_object(dimension))
+      for (int time = 0; time < 2; ++time)
+        for (const msg::TraversalChunk& chunk : route.chunks(first)) chunks.push_back(chunk);
     Random random{frames, dimension};
-    for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random.below(static_cast<int>(i))]);
+    for (std::size_t i = chunks.size(); i > 1; --i) std::swap(chunks[i - 1], chunks[random.below(static_cast<int>(i))]);
     Transfer transfer = route.transfer();
-    std::uint32_t taken = 0;
-    for (const std::size_t i : order) taken += transfer.take(route.chunks[i % route.chunks.size()]) == Taken::kYes;
-    EXPECT_EQ(taken, route.layout.chunks());
+    std::size_t taken = 0;
+    for (const msg::TraversalChunk& chunk : chunks) taken += transfer.take(chunk) == Taken::kYes;
+    EXPECT_EQ(taken, chunks.size() / 2);
     route.expect_whole(transfer);
   }
 }
 
-TEST(Transfer, AsksForTheChunksOfItsFramesAlone) {
-  const Route route(50, 21168);
-  for (const auto& [first, count] : {std::pair{0u, 1u}, {17u, 3u}, {49u, 1u}, {10u, 40u}}) {
+TEST(Transfer, AsksForTheObjectsOfItsFramesAlone) {
+  const Route route(150, 21168);
+  const std::uint32_t most = frames_per_object(21168);
+  ASSERT_EQ(most, 37u) << "786,416 floats";
+  for (const auto& [first, count] : {std::pair{0u, 1u}, {36u, 2u}, {149u, 1u}, {37u, 37u}, {10u, 140u}}) {
     Transfer transfer = route.transfer(first, count);
     msg::TraversalRequest request;
-    std::uint32_t asked = 0;
+    EXPECT_EQ(transfer.missing(), (first + count - 1) / most - first / most + 1);
     while (transfer.ask(Clock::now(), request)) {
       EXPECT_EQ(request.hash(), 7u);
-      EXPECT_EQ(request.feature_dimension(), 21168u);
-      ASSERT_LE(request.chunks().size(), std::size_t{msg::MAX_CHUNKS_ASKED});
-      for (const std::uint32_t chunk : request.chunks()) {
-        ++asked;
-        ASSERT_EQ(transfer.take(route.chunks.at(chunk)), Taken::kYes);
-      }
+      EXPECT_EQ(request.part(), 21168u);
+      for (const std::uint64_t item : request.items())
+        for (const msg::TraversalChunk& chunk : route.chunks(item)) ASSERT_EQ(transfer.take(chunk), Taken::kYes);
     }
-    EXPECT_EQ(asked, (std::uint64_t{first + count} * 21169 * 4 - 1) / msg::MAX_CHUNK -
-                         std::uint64_t{first} * 21169 * 4 / msg::MAX_CHUNK + 1);
     route.expect_whole(transfer);
-    EXPECT_EQ(transfer.take(route.chunks[0]), Taken::kNotWanted);
-    EXPECT_EQ(transfer.take(route.chunks.back()), Taken::kNotWanted);
+    EXPECT_EQ(transfer.take(route.chunks(0)[0]), Taken::kNotWanted);
   }
 }
 
-TEST(Transfer, AsksAgainForWhatDidNotComeAndAtOnceWhenAllCame) {
-  const Route route(100, 21168);
-  Transfer transfer = route.transfer();
-  msg::TraversalRequest request;
-  const Clock::time_point now = Clock::now();
-  EXPECT_LE(transfer.due(), now);
-  ASSERT_TRUE(transfer.ask(now, request));
-  EXPECT_FALSE(transfer.ask(now, request)) << "they are on their way";
-  for (std::uint32_t chunk = 0; chunk < 63; ++chunk)
-    if (chunk != 3) transfer.take(route.chunks[chunk]);
-  EXPECT_GT(transfer.due(), now) << "chunks 3 and 63 did not come";
-  ASSERT_TRUE(transfer.ask(transfer.due(), request));
-  ASSERT_EQ(request.chunks().size(), 64u);
-  EXPECT_EQ(request.chunks()[0], 3u);
-  EXPECT_EQ(request.chunks()[1], 63u);
-  EXPECT_EQ(request.chunks()[2], 64u);
-  const auto asked = request.chunks();
-  for (const std::uint32_t chunk : asked) {
-    EXPECT_FALSE(transfer.ask(now, request));
-    transfer.take(route.chunks[chunk]);
-  }
-  EXPECT_TRUE(transfer.ask(now, request)) << "at once";
+TEST(Transfer, NumbersThatAreNotFiniteAreDamage) {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), infinite = std::numeric_limits<float>::infinity();
+  const auto with = [&](bool feature, float number) {
+    Route route(4, 3);
+    (feature ? route.features[5] : route.positions[1]) = number;
+    Transfer transfer = route.transfer();
+    const Taken taken = transfer.take(route.chunks(0)[0]);
+    EXPECT_EQ(transfer.complete(), taken == Taken::kYes);
+    return taken;
+  };
+  EXPECT_EQ(with(true, 1e30f), Taken::kYes);
+  EXPECT_EQ(with(true, nan), Taken::kDamaged);
+  EXPECT_EQ(with(true, -infinite), Taken::kDamaged);
+  EXPECT_EQ(with(false, nan), Taken::kYes) << "a position may be unknown";
+  EXPECT_EQ(with(false, infinite), Taken::kDamaged);
 }
 
-TEST(Transfer, DamagedAndForeignChunksChangeNothing) {
-  const Route route(40, 4096);
+TEST(Transfer, DamagedAndForeignObjectsChangeNothing) {
+  const Route route(40, 4096), longer(41, 4096);
   Transfer transfer = route.transfer(10, 20);
-  const std::uint32_t wanted = route.layout.first_chunk(10);
+  const msg::TraversalChunk first = route.chunks(0)[0];
   const auto with = [&](auto change) {
-    msg::TraversalChunk chunk = route.chunks[wanted];
-    std::fill(chunk.data().begin(), chunk.data().end(), std::uint8_t{0xFF});
+    msg::TraversalChunk chunk = first;
     change(chunk);
+    EXPECT_EQ(transfer.wants(chunk), chunk.hash() == 7 && chunk.part() == 4096 && chunk.item() == 0);
     return transfer.take(chunk);
   };
   EXPECT_EQ(with([](auto& c) { c.hash() = 8; }), Taken::kNotWanted);
-  EXPECT_EQ(with([](auto& c) { c.feature_dimension() = 4095; }), Taken::kNotWanted);
-  EXPECT_EQ(with([](auto& c) { c.chunk() -= 1; }), Taken::kNotWanted);
-  EXPECT_EQ(with([](auto& c) { c.chunk() = 0xFFFFFFFF; }), Taken::kNotWanted);
-  EXPECT_EQ(with([](auto& c) { c.frames() = 41; }), Taken::kDamaged);
+  EXPECT_EQ(with([](auto& c) { c.part() = 4095; }), Taken::kNotWanted);
+  EXPECT_EQ(with([](auto& c) { c.item() = 191; }), Taken::kNotWanted);
   EXPECT_EQ(with([](auto& c) { c.data().pop_back(); }), Taken::kDamaged);
-  EXPECT_EQ(with([](auto& c) { c.data().clear(); }), Taken::kDamaged);
-  EXPECT_EQ(with([](auto& c) { c.data().push_back(0); }), Taken::kDamaged);
-  EXPECT_EQ(transfer.missing(), route.layout.last_chunk(29) - wanted + 1);
-  for (const auto& chunk : route.chunks) transfer.take(chunk);
+  Taken last = Taken::kYes;
+  for (const msg::TraversalChunk& chunk : longer.chunks(0)) last = transfer.take(chunk);
+  EXPECT_EQ(last, Taken::kDamaged) << "another number of frames";
+  EXPECT_EQ(transfer.missing(), 1u);
+  for (const msg::TraversalChunk& chunk : route.chunks(0)) transfer.take(chunk);
   route.expect_whole(transfer);
+}
+
+TEST(Transfer, ObjectsBeginAtMultiplesAndOnTheTraversal) {
+  const Route route(500, 64);
+  EXPECT_NE(route.object(0), nullptr);
+  EXPECT_EQ(route.object(1), nullptr);
+  EXPECT_LE(Route(40000, 18).object(0)->chunks(), msg::MAX_CHUNKS_ASKED);
+  EXPECT_EQ(route.object(frames_per_object(64)), nullptr) << "beyond the end";
+  EXPECT_EQ(frames_per_object(msg::MAX_DIMENSION), 2u);
+  EXPECT_EQ(frames_per_object(0), msg::MAX_RANGE);
 }
 
 }  // namespace

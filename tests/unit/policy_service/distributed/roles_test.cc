@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
+#include <set>
 
-#include "policy_service/distributed/parameter_chunks.h"
+#include "policy_service/distributed/parameter_fetch.h"
 #include "policy_service/distributed/trajectories.h"
 #include "tests/support/networks/small_city.h"
 #include "tests/support/text.h"
@@ -258,94 +260,107 @@ Vector<float> some_parameters(float scale) {
   return values;
 }
 
-msg::PolicyParameters chunk_of(const ParameterChunks& all, std::uint32_t index) {
-  msg::PolicyParameters chunk;
+constexpr std::uint64_t kLearner = 77;  // its incarnation
+
+ObjectBytes parameters_at(std::uint64_t version, const Vector<float>& values) {
+  return parameters_object(kLearner, version, "test", values);
+}
+
+msg::ParametersChunk part_of(const ObjectBytes& all, std::uint32_t index) {
+  msg::ParametersChunk chunk;
   all.fill(index, chunk);
   return chunk;
 }
 
-TEST(ParameterChunks, AVersionCountsOnceItIsComplete) {
-  const Vector<float> first = some_parameters(1), second = some_parameters(2);
-  const ParameterChunks one(1, first), two(2, second);
-  ASSERT_EQ(one.chunks(), 4u);
-  ParameterAssembly assembly(first.size());
-  EXPECT_FALSE(assembly.missing());
-  for (const std::uint32_t index : {2u, 0u, 2u, 3u}) EXPECT_TRUE(assembly.take(chunk_of(one, index)));
-  EXPECT_EQ(assembly.newest(), nullptr);
-  ASSERT_TRUE(assembly.missing());
-  EXPECT_EQ(assembly.missing()->version, 1u);
-  EXPECT_EQ(assembly.missing()->chunks, std::vector<std::uint32_t>{1});
-  for (std::uint32_t index = 0; index < 3; ++index) EXPECT_TRUE(assembly.take(chunk_of(two, index)));
-  EXPECT_EQ(assembly.missing()->version, 1u) << "it stays with what it began";
-  EXPECT_TRUE(assembly.take(chunk_of(one, 1)));
-  ASSERT_NE(assembly.newest(), nullptr);
-  EXPECT_EQ(assembly.newest()->version, 1u);
-  EXPECT_EQ(assembly.newest()->values, first);
-  EXPECT_TRUE(assembly.take(chunk_of(two, 3)));
-  EXPECT_EQ(assembly.newest()->version, 2u);
-  EXPECT_EQ(assembly.newest()->values, second);
-  EXPECT_FALSE(assembly.missing());
-  EXPECT_TRUE(assembly.take(chunk_of(one, 0))) << "an old one changes nothing";
-  EXPECT_FALSE(assembly.missing());
+msg::LearnerInfo announcement(const ObjectBytes& all) {
+  msg::LearnerInfo info;
+  info.header().incarnation() = kLearner;
+  info.agent() = "test";
+  info.version() = all.key.item;
+  info.total_bytes() = all.bytes.size();
+  info.hash() = all.checksum;
+  return info;
 }
 
-TEST(ParameterChunks, AFasterLearnerDoesNotKeepAVersionFromBeingComplete) {
+using Versions = std::set<std::uint64_t>;
+
+TEST(ParameterFetch, AVersionCountsOnceItIsComplete) {
+  const Vector<float> first = some_parameters(1), second = some_parameters(2);
+  const ObjectBytes one = parameters_at(1, first), two = parameters_at(2, second);
+  ASSERT_EQ(one.chunks(), 4u);
+  ParameterFetch fetch(announcement(one), first.size());
+  for (const std::uint32_t index : {2u, 0u, 2u, 3u}) EXPECT_TRUE(fetch.take(part_of(one, index)));
+  EXPECT_EQ(fetch.newest(), nullptr);
+  EXPECT_EQ(fetch.missing(), Versions{1});
+  for (std::uint32_t index = 0; index < 3; ++index) EXPECT_TRUE(fetch.take(part_of(two, index)));
+  EXPECT_EQ(fetch.missing(), (Versions{1, 2}));
+  EXPECT_TRUE(fetch.take(part_of(one, 1)));
+  ASSERT_NE(fetch.newest(), nullptr);
+  EXPECT_EQ(fetch.newest()->version, 1u);
+  EXPECT_EQ(fetch.newest()->values, first);
+  EXPECT_TRUE(fetch.take(part_of(two, 3)));
+  EXPECT_EQ(fetch.newest()->version, 2u);
+  EXPECT_EQ(fetch.newest()->values, second);
+  EXPECT_EQ(fetch.missing(), Versions{});
+  EXPECT_TRUE(fetch.take(part_of(one, 0))) << "an old one changes nothing";
+  EXPECT_EQ(fetch.missing(), Versions{});
+}
+
+TEST(ParameterFetch, AFasterLearnerDoesNotKeepAVersionFromBeingComplete) {
   const Vector<float> values = some_parameters(1);
-  ParameterAssembly assembly(values.size());
+  const ObjectBytes first = parameters_at(1, values);
+  ParameterFetch fetch(announcement(first), values.size());
   for (std::uint64_t version = 1; version <= 50; ++version)  // each time one chunk comes before the next version
-    assembly.take(chunk_of(ParameterChunks(version, values), static_cast<std::uint32_t>(version % 4)));
-  EXPECT_EQ(assembly.missing()->version, 1u);
-  const ParameterChunks first(1, values);
-  const std::vector<std::uint32_t> missing = assembly.missing()->chunks;
-  for (const std::uint32_t index : missing) assembly.take(chunk_of(first, index));
-  EXPECT_EQ(assembly.newest()->version, 1u);
-  EXPECT_EQ(assembly.missing()->version, 50u) << "then the newest";
-  assembly.give_up();
-  EXPECT_FALSE(assembly.missing());
+    fetch.take(part_of(parameters_at(version, values), static_cast<std::uint32_t>(version % 4)));
+  EXPECT_EQ(fetch.missing(), (Versions{1, 50}));
+  for (const std::uint32_t index : {0u, 2u, 3u}) fetch.take(part_of(first, index));
+  EXPECT_EQ(fetch.newest()->version, 1u);
+  EXPECT_EQ(fetch.missing(), Versions{50}) << "then the newest";
+  msg::ParametersChunk none;
+  none.hash() = kLearner;
+  none.item() = 50;
+  EXPECT_TRUE(fetch.take(none)) << "the learner has forgotten it";
+  EXPECT_EQ(fetch.missing(), Versions{});
 }
 
 /// A learner that announces faster than its parameters come keeps nobody waiting for ever.
-TEST(ParameterChunks, OnesThatFitOneChunkAreTakenThoughNewerOnesAreAnnounced) {
+TEST(ParameterFetch, OnesThatFitOneChunkAreTakenThoughNewerOnesAreAnnounced) {
   const Vector<float> values = Vector<float>::Random(100);
-  ParameterAssembly assembly(values.size());
-  std::vector<ParameterChunks> versions;
-  for (std::uint64_t version = 0; version < 5; ++version) versions.emplace_back(version, values);
-  for (const ParameterChunks& announced : versions)
-    EXPECT_TRUE(assembly.expect(announced.version(), announced.total_bytes(), announced.hash(), announced.chunks()));
-  msg::PolicyParameters chunk;
-  versions[2].fill(0, chunk);
-  EXPECT_TRUE(assembly.take(chunk));
-  ASSERT_TRUE(assembly.newest());
-  EXPECT_EQ(assembly.newest()->version, 2u);
-  versions[1].fill(0, chunk);
-  EXPECT_TRUE(assembly.take(chunk));
-  EXPECT_EQ(assembly.newest()->version, 2u);
+  std::vector<ObjectBytes> versions;
+  for (std::uint64_t version = 0; version < 5; ++version) versions.push_back(parameters_at(version, values));
+  ParameterFetch fetch(announcement(versions[0]), values.size());
+  for (const ObjectBytes& announced : versions) EXPECT_TRUE(fetch.expect(announcement(announced)));
+  EXPECT_TRUE(fetch.take(part_of(versions[2], 0)));
+  ASSERT_TRUE(fetch.newest());
+  EXPECT_EQ(fetch.newest()->version, 2u);
+  EXPECT_TRUE(fetch.take(part_of(versions[1], 0)));
+  EXPECT_EQ(fetch.newest()->version, 2u);
 }
 
-TEST(ParameterChunks, OnesThatAreNotFiniteAreRefused) {
+TEST(ParameterFetch, OnesThatAreNotFiniteAreRefused) {
   Vector<float> values = some_parameters(1);
   values[values.size() - 1] = std::numeric_limits<float>::quiet_NaN();
-  ParameterAssembly assembly(values.size());
-  const ParameterChunks diverged(1, values);
+  const ObjectBytes diverged = parameters_at(1, values);
+  ParameterFetch fetch(announcement(diverged), values.size());
   for (std::uint32_t index = 0; index < diverged.chunks(); ++index)
-    EXPECT_EQ(assembly.take(chunk_of(diverged, index)), index + 1 < diverged.chunks()) << index;
-  EXPECT_FALSE(assembly.newest()) << "though their hash is right";
+    EXPECT_EQ(fetch.take(part_of(diverged, index)), index + 1 < diverged.chunks()) << index;
+  EXPECT_FALSE(fetch.newest()) << "though their checksum is right";
 }
 
-TEST(ParameterChunks, DamagedAndForeignOnesAreRefused) {
+TEST(ParameterFetch, DamagedAndForeignOnesAreRefused) {
   const Vector<float> values = some_parameters(1);
-  const ParameterChunks all(7, values);
-  ParameterAssembly assembly(values.size()), other(values.size() + 1);
-  EXPECT_FALSE(other.take(chunk_of(all, 0))) << "of another network";
-  EXPECT_FALSE(other.expect(7, all.total_bytes(), all.hash(), all.chunks()));
-  for (std::uint32_t index = 0; index < 3; ++index) EXPECT_TRUE(assembly.take(chunk_of(all, index)));
-  msg::PolicyParameters damaged = chunk_of(all, 3);
+  const ObjectBytes all = parameters_at(7, values);
+  ParameterFetch fetch(announcement(all), values.size()), other(announcement(all), values.size() + 1);
+  EXPECT_FALSE(other.take(part_of(all, 0))) << "of another network";
+  EXPECT_FALSE(other.expect(announcement(all)));
+  for (std::uint32_t index = 0; index < 3; ++index) EXPECT_TRUE(fetch.take(part_of(all, index)));
+  msg::ParametersChunk damaged = part_of(all, 3);
   damaged.data()[4] ^= 1;
-  EXPECT_FALSE(assembly.take(damaged));
-  EXPECT_EQ(assembly.newest(), nullptr);
-  for (std::uint32_t index = 0; index < 4; ++index) EXPECT_TRUE(assembly.take(chunk_of(all, index)));
-  ASSERT_NE(assembly.newest(), nullptr) << "asked for again, it is right";
-  EXPECT_EQ(assembly.newest()->values, values);
+  EXPECT_FALSE(fetch.take(damaged));
+  EXPECT_EQ(fetch.newest(), nullptr);
+  for (std::uint32_t index = 0; index < 4; ++index) EXPECT_TRUE(fetch.take(part_of(all, index)));
+  ASSERT_NE(fetch.newest(), nullptr) << "asked for again, it is right";
+  EXPECT_EQ(fetch.newest()->values, values);
 }
 
 }  // namespace
