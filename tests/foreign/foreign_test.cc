@@ -109,9 +109,7 @@ TEST(ForeignAlone, WrongInputIsOneClearLine) {
       {{"--tasks"}, "--tasks needs"},
       {{"--domain", "199", "--session", "nobody", "--wait", "1"}, "no env_service"}};
   for (const auto& [arguments, wanted] : cases) {
-    Arguments command = {FOREIGN_LEARNER};
-    command.insert(command.end(), arguments.begin(), arguments.end());
-    Service learner(command, folder / "log");
+    Service learner(Arguments{FOREIGN_LEARNER} + arguments, folder / "log");
     EXPECT_EQ(learner.wait(seconds(20)), 1) << wanted;
     EXPECT_TRUE(contains(learner.output(), wanted));
   }

@@ -67,10 +67,9 @@ class Stacks : public VendorTest {
   Trial run_{GetParam()};
 
  private:
-  std::unique_ptr<Service> start(Arguments command, const std::string& name, const Arguments& more) {
-    command.insert(command.end(), {"--domain", std::to_string(run_.domain())});
-    command.insert(command.end(), more.begin(), more.end());
-    return std::make_unique<Service>(command, run_.folder() / (name + ".log"));
+  std::unique_ptr<Service> start(const Arguments& command, const std::string& name, const Arguments& more) {
+    const Arguments domain = {"--domain", std::to_string(run_.domain())};
+    return std::make_unique<Service>(command + domain + more, run_.folder() / (name + ".log"));
   }
 };
 using ForeignStacks = Stacks;

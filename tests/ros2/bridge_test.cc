@@ -75,13 +75,11 @@ class Ros2Bridges : public VendorTest {
   /// Starts `program` as a node and walks until it ends, which is right where it has heard enough.
   void walk_until_heard(const char* program, const Arguments& of_node, const Arguments& of_bridge) {
     const std::string domain = std::to_string(own_domain());
-    Arguments node = {program, domain, "60", "/citylearn/env_summer/agent_0"};
-    node.insert(node.end(), of_node.begin(), of_node.end());
-    node_ = std::make_unique<Service>(node, trial_.folder() / "node.log");
+    const Arguments node = {program, domain, "60", "/citylearn/env_summer/agent_0"};
+    node_ = std::make_unique<Service>(node + of_node, trial_.folder() / "node.log");
     ASSERT_TRUE(node_->says("subscribed", seconds(20))) << node_->output();
-    Arguments options = {"--actions", "--ros-middleware", GetParam(), "--ros-domain", domain, "--speed", ".5"};
-    options.insert(options.end(), of_bridge.begin(), of_bridge.end());
-    start_bridge(options);
+    const Arguments options = {"--actions", "--ros-middleware", GetParam(), "--ros-domain", domain, "--speed", ".5"};
+    start_bridge(options + of_bridge);
     std::optional<int> status;
     walk_until([&] { return (status = node_->wait(milliseconds(0))).has_value(); });
     ASSERT_EQ(status, 0) << node_->output() << bridge_->output();

@@ -24,63 +24,35 @@ class TeachAndRepeat : public VendorTest {
     const std::string other = std::string(GetParam()) == "fastdds" ? "cyclonedds" : "fastdds";
     return {"--ros-domain", std::to_string(ros_domain_), "--ros-interface", "lo", "--ros-middleware", loses + other};
   }
-  std::unique_ptr<Service> start(const std::string& program, const std::string& name, Arguments options) {
-    options.insert(options.begin(), program);
-    return std::make_unique<Service>(options, trial_.folder() / (name + ".log"));
+  std::unique_ptr<Service> start(const std::string& program, const std::string& name, const Arguments& options) {
+    return std::make_unique<Service>(Arguments{program} + options, trial_.folder() / (name + ".log"));
+  }
+  /// Options of an env_service on the taught route, whose robot has these topics.
+  Arguments taught(const std::string& camera, const std::string& pose) const {
+    return Arguments{"--dataset", "live", "--data", trial_.folder() / "route", "--agents", "1"} +
+           Arguments{"--camera", camera, "--position", pose, "--position-type", "pose"};
   }
   std::unique_ptr<Service> robot(const std::string& look, const Arguments& more) {
-    Arguments options = {"--look",    look,
-                         "--metres",  "88",
-                         "--rate",    "20",
-                         "--camera",  "/" + look + "/camera/compressed",
-                         "--pose",    "/" + look + "/pose",
-                         "--cmd-vel", "/" + look + "/cmd_vel"};
-    options.insert(options.end(), more.begin(), more.end());
-    return start(CITYLEARN_ROBOT, "robot-" + look, options);
+    const Arguments drive = {"--look", look, "--metres", "88", "--rate", "20"},
+                    topics = {"--camera",  "/" + look + "/camera/compressed",
+                              "--pose",    "/" + look + "/pose",
+                              "--cmd-vel", "/" + look + "/cmd_vel"};
+    return start(CITYLEARN_ROBOT, "robot-" + look, drive + topics + more);
   }
   std::unique_ptr<Service> live(const std::string& look,
                                 const std::string& loses = "lossy,drop=0.05:", const Arguments& more = {}) {
-    Arguments options = {"--dataset",
-                         "live",
-                         "--data",
-                         trial_.folder() / "route",
-                         "--agents",
-                         "1",
-                         "--as",
-                         "live-" + look,
-                         "--camera",
-                         "/" + look + "/camera/compressed",
-                         "--position",
-                         "/" + look + "/pose",
-                         "--position-type",
-                         "pose",
-                         "--cmd-vel",
-                         "/" + look + "/cmd_vel",
-                         "--command",
-                         "/" + look + "/command",
-                         "--speed",
-                         "15",
-                         "--settle",
-                         "0.05"};
-    const Arguments ros = nodes(loses);
-    options.insert(options.end(), ros.begin(), ros.end());
-    options.insert(options.end(), more.begin(), more.end());
-    return trial_.env("summer", options);
+    const Arguments route = {"--as", "live-" + look, "--cmd-vel", "/" + look + "/cmd_vel"};
+    const Arguments drive = {"--command", "/" + look + "/command", "--speed", "15", "--settle", "0.05"};
+    return trial_.env("summer", taught("/" + look + "/camera/compressed", "/" + look + "/pose") + route + drive +
+                                    nodes(loses) + more);
   }
   void teach() {
-    Arguments options = {"--output",        trial_.folder() / "route",
-                         "--traversal",     "summer",
-                         "--camera",        "/summer/camera/compressed",
-                         "--position",      "/summer/pose",
-                         "--spacing",       "3.5",
-                         "--position-type", "pose"};
-    const Arguments ros = nodes();
-    options.insert(options.end(), ros.begin(), ros.end());
-    const auto teacher = start(CITYLEARN_TEACH, "teach", options);
+    const Arguments route = {"--output", trial_.folder() / "route", "--traversal", "summer", "--spacing", "3.5"};
+    const Arguments topics = {"--camera",     "/summer/camera/compressed", "--position",
+                              "/summer/pose", "--position-type",           "pose"};
+    const auto teacher = start(CITYLEARN_TEACH, "teach", route + topics + nodes());
     ASSERT_TRUE(teacher->says("listens to", seconds(20))) << teacher->output();
-    Arguments more = ros;
-    more.insert(more.end(), {"--drive", "10"});
-    const auto driven = robot("summer", more);
+    const auto driven = robot("summer", nodes() + Arguments{"--drive", "10"});
     EXPECT_EQ(driven->wait(seconds(60)), 0) << driven->output();
     EXPECT_EQ(teacher->end(SIGTERM, seconds(5)), 0) << teacher->output();
   }
@@ -230,13 +202,7 @@ TEST_P(TeachAndRepeat, WrongOptionsAreOneClearLine) {
       {{"--goal", "/goal pose"}, "--goal: '/goal pose' is not a topic of ROS 2"},
       {{"--camera", "camera//x"}, "'camera//x' is not a topic of ROS 2"}};
   for (const auto& [wrong, text] : cases) {
-    Arguments options = {"--dataset",       "live", "--data",     trial_.folder() / "route",
-                         "--agents",        "1",    "--position", "/pose",
-                         "--position-type", "pose", "--camera",   "/compressed"};
-    options.insert(options.end(), wrong.begin(), wrong.end());
-    const Arguments ros = nodes();
-    options.insert(options.end(), ros.begin(), ros.end());
-    const auto refused = trial_.env("summer", options);
+    const auto refused = trial_.env("summer", taught("/compressed", "/pose") + wrong + nodes());
     EXPECT_EQ(refused->wait(seconds(10)), 1) << refused->output();
     EXPECT_TRUE(contains(refused->output(), text)) << refused->output();
     EXPECT_EQ(occurrences("\n" + refused->output(), "\nenv_service: "), 1) << refused->output();

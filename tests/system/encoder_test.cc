@@ -48,10 +48,9 @@ TEST_P(Encoding, WhatARunLeavesIsExportedFromPictureToAction) {
   ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
   const std::string checkpoint = run.folder() / ("out/checkpoints/" + run.checkpoint("out").first);
   const auto exported = [&](const Arguments& more) {
-    Arguments command = {CITYLEARN_EXPORT, "--checkpoint",          checkpoint,  "--store", run.folder() / "store",
-                         "--output",       run.folder() / "a.onnx", "--picture", "160x96"};
-    command.insert(command.end(), more.begin(), more.end());
-    Service program(command, run.folder() / "export.log");
+    const Arguments command = {CITYLEARN_EXPORT, "--checkpoint", checkpoint, "--store", run.folder() / "store"};
+    const Arguments file = {"--output", run.folder() / "a.onnx", "--picture", "160x96"};
+    Service program(command + file + more, run.folder() / "export.log");
     const auto status = program.wait(kShortWait);
     return std::pair{status.value_or(-1), program.output()};
   };
@@ -69,10 +68,8 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:32", "--agents", "16"});
   auto encoder = run.encoder({"--encoder", "raw84", "--dimension", "0"});
   const Arguments task = {"--frames", "0:32", "--tasks", "64", "--evaluate", "summer"};
-  const auto with = [&](Arguments more, const std::string& output) {
-    more.insert(more.end(), task.begin(), task.end());
-    more.insert(more.end(), {"--output", run.folder() / output});
-    return run.policy(more);
+  const auto with = [&](const Arguments& more, const std::string& output) {
+    return run.policy(more + task + Arguments{"--output", run.folder() / output});
   };
   const auto filter = with({"--mode", "evaluate", "--agent", "sequence_filter"}, "filter");
   ASSERT_EQ(filter->wait(kLongWait), 0) << filter->output() << encoder->output();

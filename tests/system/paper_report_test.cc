@@ -25,12 +25,9 @@ constexpr seconds kLongWait{600};
 /// A folder, and ./run paper that writes into it.
 class PaperReport : public ::testing::Test {
  protected:
-  std::vector<std::string> command(std::vector<std::string> more, const std::string& output = "report") const {
-    std::vector<std::string> all = {
-        CITYLEARN_PAPER, "--quick", "--effort",        "0.02",     "--seeds",       "1", "--synthetic-frames",
-        "160",           "--store", folder_ / "store", "--output", folder_ / output};
-    all.insert(all.end(), more.begin(), more.end());
-    return all;
+  Arguments command(const Arguments& more, const std::string& output = "report") const {
+    return Arguments{CITYLEARN_PAPER, "--quick", "--effort", "0.02", "--seeds", "1", "--synthetic-frames", "160"} +
+           Arguments{"--store", folder_ / "store", "--output", folder_ / output} + more;
   }
   /// Runs it to its end: what it says.
   std::string run(const std::vector<std::string>& more, int status = 0, const std::string& output = "report") const {
@@ -189,11 +186,10 @@ TEST_F(PaperReport, ShowsNoPictureOfRealRecordingsWhenAsked) {
       ASSERT_TRUE(cv::imwrite(path, picture));
     }
   const auto report = [&](const std::vector<std::string>& more) {
-    Arguments command = {CITYLEARN_PAPER, "--quick", "--effort", "0.01", "--seeds", "1", "--only", "figure-10"};
-    command.insert(command.end(), {"--dataset", "plain", "--data", folder_ / "data", "--output", folder_ / "report",
-                                   "--store", folder_ / "store", "--work", folder_ / "work"});
-    command.insert(command.end(), more.begin(), more.end());
-    Service program(command, folder_ / "log");
+    const Arguments what = {CITYLEARN_PAPER, "--quick", "--effort", "0.01", "--seeds", "1", "--only", "figure-10"};
+    const Arguments folders = {"--dataset",        "plain",   "--data",          folder_ / "data", "--output",
+                               folder_ / "report", "--store", folder_ / "store", "--work",         folder_ / "work"};
+    Service program(what + folders + more, folder_ / "log");
     EXPECT_EQ(program.wait(kLongWait), 0) << program.output();
     return std::pair(part(file("report.html"), "figure-10"), Json::parse(file("manifest.json"))["files"]);
   };

@@ -46,9 +46,7 @@ TEST(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
        {Arguments{"--encoder", "patchnorm"}, Arguments{"--encoder", "hog", "--hog-bins", "9"},
         Arguments{"--encoder", "hog", "--dimension", "32"}})
     for (const std::string& store : {run.folder() / "store", std::string("none")}) {
-      Arguments all = {"--id", "other", "--store", store};
-      all.insert(all.end(), options.begin(), options.end());
-      const auto other = run.encoder(all);
+      const auto other = run.encoder(Arguments{"--id", "other", "--store", store} + options);
       ASSERT_EQ(other->wait(kShortWait), 1) << other->output();
       EXPECT_TRUE(contains(other->output(), "'hog' already encodes with")) << other->output();
     }
@@ -330,9 +328,8 @@ TEST(EncodingFaults, DefaultsFitAShortRouteAndGivenValuesMustFit) {
   EXPECT_TRUE(contains(too_long->output(), "has 20 frames, the route needs frames 0..127")) << too_long->output();
   for (const Arguments& mode :
        {Arguments{"--steps", "1024", "--curriculum"}, Arguments{"--mode", "evaluate", "--agent", "blind"}}) {
-    Arguments options = {"--tasks", "8", "--evaluate", "summer", "--output", run.folder() / mode[1]};
-    options.insert(options.end(), mode.begin(), mode.end());
-    const auto policy = run.policy(options);
+    const Arguments options = {"--tasks", "8", "--evaluate", "summer", "--output", run.folder() / mode[1]};
+    const auto policy = run.policy(options + mode);
     ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
     EXPECT_TRUE(contains(policy->output(), "'summer' has 20 frames: --frames is 0:20")) << mode[0];
   }

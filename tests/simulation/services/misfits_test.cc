@@ -18,14 +18,11 @@ class Misfits : public ::testing::Test {
   /// An env_service with this id on a small city of `frames` frames, which differs by `more`.
   std::unique_ptr<Service> env(const std::string& id, const std::string& traversal, int frames,
                                const Arguments& more = {}) {
-    Arguments all = {"--id", id, "--synthetic-frames", std::to_string(frames)};
-    all.insert(all.end(), more.begin(), more.end());
-    return trial_.env(traversal, all);
+    return trial_.env(traversal, Arguments{"--id", id, "--synthetic-frames", std::to_string(frames)} + more);
   }
   std::unique_ptr<Service> policy(const Arguments& more) {
-    Arguments all = {"--agent", "place_filter", "--frames", "0:64", "--tasks", "16", "--wait", "20"};
-    all.insert(all.end(), more.begin(), more.end());
-    return trial_.policy(all);
+    return trial_.policy(Arguments{"--agent", "place_filter", "--frames", "0:64", "--tasks", "16", "--wait", "20"} +
+                         more);
   }
   bool trains(const std::string& id = "policy") {
     return witness_.until([&] { return witness_.updates >= 3 && witness_.status.contains(id); }, kLongWait);

@@ -20,10 +20,8 @@ class SecondPolicy : public ::testing::Test {
     return witness_.until([&] { return witness_.updates > updates + 3; }, kLongWait);
   }
   std::unique_ptr<Service> evaluate(const Arguments& more) {
-    Arguments all = {"--id",  "second",     "--mode", "evaluate", "--agent",
-                     "blind", "--evaluate", "summer", "--tasks",  "16"};
-    all.insert(all.end(), more.begin(), more.end());
-    return trial_.policy(all);
+    return trial_.policy(Arguments{"--id", "second", "--mode", "evaluate", "--agent", "blind"} +
+                         Arguments{"--evaluate", "summer", "--tasks", "16"} + more);
   }
 
   Trial trial_{"simulated"};

@@ -34,6 +34,11 @@ inline bool poll_until(const std::function<bool()>& condition, milliseconds pati
 
 using Arguments = std::vector<std::string>;
 
+inline Arguments operator+(Arguments command, const Arguments& more) {
+  command.insert(command.end(), more.begin(), more.end());
+  return command;
+}
+
 /// Another program. Killed when the test leaves it.
 class Process {
  public:

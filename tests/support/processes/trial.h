@@ -68,20 +68,9 @@ class Trial {
   }
   /// Training of `updates` updates of 8 agents x 64 steps; options in `more` come last, so they count.
   std::unique_ptr<Service> train(int updates, const std::string& output, const Arguments& more = {}) {
-    Arguments command = {"--agent",
-                         "place_filter",
-                         "--steps",
-                         std::to_string(updates * 512L),
-                         "--checkpoint-every",
-                         "20",
-                         "--output",
-                         folder_ / output,
-                         "--tasks",
-                         "16",
-                         "--evaluate",
-                         "summer"};
-    command.insert(command.end(), more.begin(), more.end());
-    return policy(command);
+    return policy(Arguments{"--agent", "place_filter", "--steps", std::to_string(updates * 512L)} +
+                  Arguments{"--checkpoint-every", "20", "--output", folder_ / output, "--tasks", "16"} +
+                  Arguments{"--evaluate", "summer"} + more);
   }
   /// Name and bytes of the newest checkpoint.
   std::pair<std::string, std::string> checkpoint(const std::string& output) const {
@@ -99,10 +88,9 @@ class Trial {
   const Folder& folder() const { return folder_; }
 
  private:
-  std::unique_ptr<Service> start(Arguments command, const Arguments& more, const std::string& log) {
-    command.insert(command.end(), {"--domain", std::to_string(domain_), "--middleware", middleware_});
-    command.insert(command.end(), more.begin(), more.end());
-    return std::make_unique<Service>(command, folder_ / log);
+  std::unique_ptr<Service> start(const Arguments& command, const Arguments& more, const std::string& log) {
+    const Arguments node = {"--domain", std::to_string(domain_), "--middleware", middleware_};
+    return std::make_unique<Service>(command + node + more, folder_ / log);
   }
   Folder folder_;
   std::string middleware_;

@@ -35,9 +35,8 @@ class Network : public ::testing::Test {
   /// `role` of network_peer, on a host.
   std::unique_ptr<Service> peer(const Hosts& hosts, int host, const std::string& vendor, const std::string& role,
                                 const Arguments& more) {
-    Arguments command = on_host({NETWORK_PEER, role, "--id", "peer-" + std::to_string(host)}, vendor);
-    command.insert(command.end(), more.begin(), more.end());
-    return hosts.start(host, command, folder_ / ("peer-" + std::to_string(++count_) + ".log"));
+    const Arguments command = on_host({NETWORK_PEER, role, "--id", "peer-" + std::to_string(host)}, vendor);
+    return hosts.start(host, command + more, folder_ / ("peer-" + std::to_string(++count_) + ".log"));
   }
   /// The command with what every service on a host needs; `peers`: none.
   static Arguments on_host(Arguments command, const std::string& vendor, const std::string& peers = "") {
@@ -258,12 +257,11 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
   }
   std::unique_ptr<Service> policy(const Hosts& hosts, const std::string& output, int steps,
                                   const Arguments& more = {}) {
-    Arguments command = on_host(
+    const Arguments command = on_host(
         {CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--environments", "4", "--steps", std::to_string(steps),
          "--tasks", "200", "--evaluate", "summer", "--wait", "60", "--output", folder_ / output},
         std::get<1>(GetParam()), Hosts::address(1) + "," + Hosts::address(2));
-    command.insert(command.end(), more.begin(), more.end());
-    return hosts.start(0, command, folder_ / (output + ".log"));
+    return hosts.start(0, command + more, folder_ / (output + ".log"));
   }
   /// Steps trained up to now.
   double progress(const std::string& output) const {

@@ -86,10 +86,7 @@ Arguments peer(const std::string& vendor, std::uint32_t domain, const std::strin
 }
 
 Arguments with_environment(const Arguments& variables, const Arguments& command) {
-  Arguments all = {"/usr/bin/env"};
-  all.insert(all.end(), variables.begin(), variables.end());
-  all.insert(all.end(), command.begin(), command.end());
-  return all;
+  return Arguments{"/usr/bin/env"} + variables + command;
 }
 
 const auto kVendors = ::testing::Values("cyclonedds", "fastdds");

@@ -125,11 +125,10 @@ class Surrounded : public ::testing::TestWithParam<std::string> {
     write_file(folder_ / "fast.json", "{\"ROS_DISCOVERY_SERVER\": \"127.0.0.1:11998\"}");
   }
   std::unique_ptr<Service> start(const std::string& id, const Arguments& variables) {
-    Arguments command = {"/usr/bin/env", "-C", folder_.path()};
-    command.insert(command.end(), variables.begin(), variables.end());
-    command.insert(command.end(),
-                   {NETWORK_PEER, "meet", "--id", id, "--middleware", GetParam(), "--domain", std::to_string(domain_)});
-    return std::make_unique<Service>(command, folder_ / (id + ".log"));
+    const Arguments peer = {NETWORK_PEER,   "meet",     "--id",     id,
+                            "--middleware", GetParam(), "--domain", std::to_string(domain_)};
+    return std::make_unique<Service>(Arguments{"/usr/bin/env", "-C", folder_.path()} + variables + peer,
+                                     folder_ / (id + ".log"));
   }
   const Folder folder_;
   const std::uint32_t domain_ = own_domain();
