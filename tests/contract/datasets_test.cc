@@ -13,16 +13,16 @@
 namespace citylearn::testing {
 namespace {
 
-using Entry = DatasetRegistry::Entry;
+using DatasetEntry = DatasetRegistry::Entry;
 
-std::vector<const Entry*> all() { return DatasetRegistry::instance().entries(); }
+std::vector<const DatasetEntry*> all_datasets() { return DatasetRegistry::instance().entries(); }
 
-std::unique_ptr<Dataset> create(const Entry& entry, const std::string& folder) {
+std::unique_ptr<Dataset> create(const DatasetEntry& entry, const std::string& folder) {
   return entry.create(Parameters(entry.name, entry.parameters, {}), folder);
 }
 
 /// Returns false for a dataset that shows something without any data, as a generated city does.
-bool needs_data(const Entry& entry) {
+bool needs_data(const DatasetEntry& entry) {
   try {
     create(entry, "")->names();
     return false;
@@ -32,19 +32,19 @@ bool needs_data(const Entry& entry) {
 }
 
 /// A folder of any other things is one of no features files: plain lists none, and so does live, which reads the same.
-bool takes_any_folder(const Entry& entry) { return entry.name == "plain" || entry.name == "live"; }
+bool takes_any_folder(const DatasetEntry& entry) { return entry.name == "plain" || entry.name == "live"; }
 
-std::vector<const Entry*> all_of_files() {
-  std::vector<const Entry*> entries = all();
-  std::erase_if(entries, [](const Entry* entry) { return !needs_data(*entry); });
+std::vector<const DatasetEntry*> all_of_files() {
+  std::vector<const DatasetEntry*> entries = all_datasets();
+  std::erase_if(entries, [](const DatasetEntry* entry) { return !needs_data(*entry); });
   return entries;
 }
 
-class DatasetsOfFiles : public ::testing::TestWithParam<const Entry*> {};
-class Datasets : public ::testing::TestWithParam<const Entry*> {};
+class DatasetsOfFiles : public ::testing::TestWithParam<const DatasetEntry*> {};
+class Datasets : public ::testing::TestWithParam<const DatasetEntry*> {};
 
 TEST_P(Datasets, TellWhatTheyAre) {
-  const Entry& entry = *GetParam();
+  const DatasetEntry& entry = *GetParam();
   EXPECT_FALSE(entry.help.empty());
   EXPECT_FALSE(contains(entry.help, "\n"));
   EXPECT_TRUE(std::all_of(entry.name.begin(), entry.name.end(),
@@ -54,7 +54,7 @@ TEST_P(Datasets, TellWhatTheyAre) {
 }
 
 TEST_P(DatasetsOfFiles, SayWhereTheyAreToBeHad) {
-  const Entry& entry = *GetParam();
+  const DatasetEntry& entry = *GetParam();
   if (takes_any_folder(entry)) return;  // nobody published it
   std::set<std::string> told;
   for (const auto& [what, text] : entry.about) told.insert(what);
@@ -62,7 +62,7 @@ TEST_P(DatasetsOfFiles, SayWhereTheyAreToBeHad) {
 }
 
 TEST_P(Datasets, AskForDataWhenNoneAreGiven) {
-  const Entry& entry = *GetParam();
+  const DatasetEntry& entry = *GetParam();
   try {
     EXPECT_FALSE(create(entry, "")->names().empty());
   } catch (const Error& error) {
@@ -71,7 +71,7 @@ TEST_P(Datasets, AskForDataWhenNoneAreGiven) {
 }
 
 TEST_P(DatasetsOfFiles, KnowAnEmptyFolderIsNotTheirs) {
-  const Entry& entry = *GetParam();
+  const DatasetEntry& entry = *GetParam();
   const Folder empty;
   for (const std::string& folder : {empty.path(), empty / "missing"}) {
     const std::unique_ptr<Dataset> dataset = create(entry, folder);
@@ -93,7 +93,7 @@ TEST_P(DatasetsOfFiles, KnowAnEmptyFolderIsNotTheirs) {
 
 /// A picture and a text below folders of no layout, and a file where a folder should be.
 TEST_P(DatasetsOfFiles, KnowAFolderOfOtherThingsIsNotTheirs) {
-  const Entry& entry = *GetParam();
+  const DatasetEntry& entry = *GetParam();
   const Folder other;
   std::filesystem::create_directories(other / "letters/2014");
   std::ofstream(other / "letters/2014/to-anna.txt") << "Dear Anna";
@@ -104,8 +104,8 @@ TEST_P(DatasetsOfFiles, KnowAFolderOfOtherThingsIsNotTheirs) {
   EXPECT_THROW(create(entry, other / "notes.md")->names(), Error);
 }
 
-std::string name_of(const ::testing::TestParamInfo<const Entry*>& test) { return test.param->name; }
-INSTANTIATE_TEST_SUITE_P(All, Datasets, ::testing::ValuesIn(all()), name_of);
+std::string name_of(const ::testing::TestParamInfo<const DatasetEntry*>& test) { return test.param->name; }
+INSTANTIATE_TEST_SUITE_P(All, Datasets, ::testing::ValuesIn(all_datasets()), name_of);
 INSTANTIATE_TEST_SUITE_P(All, DatasetsOfFiles, ::testing::ValuesIn(all_of_files()), name_of);
 
 }  // namespace

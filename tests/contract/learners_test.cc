@@ -31,11 +31,11 @@ extern "C" void* malloc(std::size_t size) {
 namespace citylearn::testing {
 namespace {
 
-using Entry = LearnerRegistry::Entry;
+using LearnerEntry = LearnerRegistry::Entry;
 
-class Learners : public ::testing::TestWithParam<const Entry*> {
+class Learners : public ::testing::TestWithParam<const LearnerEntry*> {
  protected:
-  const Entry& entry() const { return *GetParam(); }
+  const LearnerEntry& entry() const { return *GetParam(); }
   bool has(const std::string& parameter) const {
     const auto& specs = entry().parameters;
     return std::any_of(specs.begin(), specs.end(), [&](const ParameterSpec& spec) { return spec.name == parameter; });

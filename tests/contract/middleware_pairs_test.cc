@@ -13,7 +13,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr std::uint32_t kDomain = 106;
+constexpr std::uint32_t kPairsDomain = 106;
 const std::string kType = "citylearn::test::Bytes";
 
 Topic topic(Profile profile) {
@@ -27,9 +27,9 @@ Topic topic(Profile profile) {
 class Pairs : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {
  protected:
   const std::unique_ptr<Middleware> writing_ =
-      create_middleware(middleware_options(std::get<0>(GetParam()), kDomain, "writer"));
+      create_middleware(middleware_options(std::get<0>(GetParam()), kPairsDomain, "writer"));
   const std::unique_ptr<Middleware> reading_ =
-      create_middleware(middleware_options(std::get<1>(GetParam()), kDomain, "reader"));
+      create_middleware(middleware_options(std::get<1>(GetParam()), kPairsDomain, "reader"));
 
   /// Asks both until it holds.
   bool eventually_both(const std::function<bool()>& condition, milliseconds patience = kMaxWait) {
@@ -117,7 +117,7 @@ class Raw {
         .type_information = {},
         .type_mapping = {},
         .restrict_data_representation = 0};
-    participant_ = dds_create_participant(kDomain, nullptr, nullptr);  // in the domain of our own middleware
+    participant_ = dds_create_participant(kPairsDomain, nullptr, nullptr);  // in the domain of our own middleware
     dds_qos_t* const qos = dds_create_qos();
     dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
     dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
@@ -139,8 +139,9 @@ class Raw {
 /// Reads and writes by one vendor, and meets raw endpoints of Cyclone DDS.
 class Misfits : public ::testing::TestWithParam<std::string> {
  protected:
-  const std::unique_ptr<Middleware> domain_ = create_middleware(middleware_options("cyclonedds", kDomain, "domain"));
-  const std::unique_ptr<Middleware> ours_ = create_middleware(middleware_options(GetParam(), kDomain, "ours"));
+  const std::unique_ptr<Middleware> domain_ =
+      create_middleware(middleware_options("cyclonedds", kPairsDomain, "domain"));
+  const std::unique_ptr<Middleware> ours_ = create_middleware(middleware_options(GetParam(), kPairsDomain, "ours"));
 
   void expect(bool remote_writes, const std::string& fault, const Raw::Qos& change, bool keyed = false) {
     std::unique_ptr<Publisher> publisher;

@@ -55,7 +55,7 @@ extern "C" int getaddrinfo(const char* name, const char* service, const addrinfo
 namespace citylearn::testing {
 namespace {
 
-constexpr std::uint32_t kDomain = 103;
+constexpr std::uint32_t kStartDomain = 103;
 constexpr std::uint32_t kFullDomain = 104;
 constexpr std::uint32_t kMeetingDomain = 64;
 
@@ -67,7 +67,7 @@ std::string start_error(MiddlewareOptions options) {
   return line;
 }
 
-MiddlewareOptions options_of(const std::string& name) { return middleware_options(name, kDomain); }
+MiddlewareOptions options_of(const std::string& name) { return middleware_options(name, kStartDomain); }
 
 TEST(Start, UnknownNamesListTheKnown) {
   EXPECT_EQ(start_error(options_of("opensplice")),

@@ -10,11 +10,11 @@
 namespace citylearn::testing {
 namespace {
 
-using Entry = NetworkRegistry<double>::Entry;
+using NetworkEntry = NetworkRegistry<double>::Entry;
 
-std::vector<const Entry*> all() { return NetworkRegistry<double>::instance().entries(); }
+std::vector<const NetworkEntry*> all_networks() { return NetworkRegistry<double>::instance().entries(); }
 
-class Networks : public ::testing::TestWithParam<const Entry*> {
+class Networks : public ::testing::TestWithParam<const NetworkEntry*> {
  protected:
   Networks()
       : small(small_network(GetParam()->name)),
@@ -51,7 +51,7 @@ class Networks : public ::testing::TestWithParam<const Entry*> {
   Vector<double> parameters;
 };
 
-INSTANTIATE_TEST_SUITE_P(All, Networks, ::testing::ValuesIn(all()),
+INSTANTIATE_TEST_SUITE_P(All, Networks, ::testing::ValuesIn(all_networks()),
                          [](const auto& tested) { return tested.param->name; });
 
 /// B agents over T steps are as each agent and step alone.

@@ -11,7 +11,7 @@
 #include "tests/support/data/scans.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/hosts.h"
-#include "tests/support/processes/service.h"
+#include "tests/support/processes/trial.h"
 #include "tests/support/records/witness.h"
 #include "tests/support/text.h"
 
@@ -19,8 +19,6 @@ namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr seconds kLongWait{120};
 
 /// A demo in a process group of its own, as a terminal starts it; whatever is left of it ends with the test.
 class Demo {

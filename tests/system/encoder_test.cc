@@ -13,8 +13,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr seconds kShortWait{30};
-
 class Encoding : public VendorTest {};
 CITYLEARN_EACH_VENDOR(Encoding);
 
@@ -33,8 +31,8 @@ TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
   EXPECT_EQ(encoder->end(SIGTERM, seconds(5)), 0) << encoder->output();
   EXPECT_TRUE(encoder->says("256 frames encoded", seconds(1))) << encoder->output();
   const auto second = run.encoder({});
-  ASSERT_TRUE(second->says("summer: ready", kShortWait)) << second->output();
-  ASSERT_TRUE(second->says("fall: ready", kShortWait)) << second->output();
+  ASSERT_TRUE(second->says("summer: ready", kEncodingWait)) << second->output();
+  ASSERT_TRUE(second->says("fall: ready", kEncodingWait)) << second->output();
   ASSERT_EQ(second->end(SIGTERM, seconds(5)), 0);
   EXPECT_TRUE(second->says(" 0 frames encoded", seconds(1))) << second->output();
 }
@@ -51,7 +49,7 @@ TEST_P(Encoding, WhatARunLeavesIsExportedFromPictureToAction) {
     const Arguments command = {CITYLEARN_EXPORT, "--checkpoint", checkpoint, "--store", run.folder() / "store"};
     const Arguments file = {"--output", run.folder() / "a.onnx", "--picture", "160x96"};
     Service program(command + file + more, run.folder() / "export.log");
-    const auto status = program.wait(kShortWait);
+    const auto status = program.wait(kEncodingWait);
     return std::pair{status.value_or(-1), program.output()};
   };
   const auto [status, output] = exported({"--patchnorm-width", "48"});
@@ -98,7 +96,7 @@ void expect_two_to_share_the_work(const std::string& middleware, bool common_sto
   };
   const auto one = start("one"), two = start("two");
   for (const auto* encoder : {one.get(), two.get()})
-    ASSERT_TRUE(encoder->says("takes part", kShortWait)) << encoder->output();
+    ASSERT_TRUE(encoder->says("takes part", kEncodingWait)) << encoder->output();
   const auto summer = run.env("summer", drawn);
   const auto policy = run.train(600, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLongWait)) << policy->output() << one->output() << two->output();
@@ -106,12 +104,13 @@ void expect_two_to_share_the_work(const std::string& middleware, bool common_sto
   const auto serves = [](const Service& encoder) {
     return occurrences(encoder.output(), "serves 'env-summer'") > occurrences(encoder.output(), "leaves 'env-summer'");
   };
-  ASSERT_TRUE(poll_until([&] { return serves(*one) != serves(*two); }, kShortWait)) << one->output() << two->output();
+  ASSERT_TRUE(poll_until([&] { return serves(*one) != serves(*two); }, kEncodingWait))
+      << one->output() << two->output();
   const auto& serving = serves(*one) ? one : two;
   const auto& other = serves(*one) ? two : one;
-  ASSERT_TRUE(other->says("summer: ready", kShortWait)) << other->output();
+  ASSERT_TRUE(other->says("summer: ready", kEncodingWait)) << other->output();
   ASSERT_EQ(serving->end(SIGKILL, seconds(5)), 128 + SIGKILL);
-  ASSERT_TRUE(poll_until([&] { return serves(*other); }, kShortWait)) << other->output();
+  ASSERT_TRUE(poll_until([&] { return serves(*other); }, kEncodingWait)) << other->output();
   ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << other->output();
   const int by_serving = number_before(serving->output(), " of them now"),
             by_other = number_before(other->output(), " of them now");
@@ -132,7 +131,7 @@ TEST(EncodingInParts, OneOfThreeIsKilledAndItsUnfinishedBlocksAloneAreEncodedAga
   std::vector<std::unique_ptr<Service>> encoders;
   for (const char* id : {"one", "two", "three"}) encoders.push_back(run.encoder({"--id", id, "--store", "none"}));
   for (const auto& encoder : encoders)
-    ASSERT_TRUE(poll_until([&] { return occurrences(encoder->output(), "takes part") == 2; }, kShortWait));
+    ASSERT_TRUE(poll_until([&] { return occurrences(encoder->output(), "takes part") == 2; }, kEncodingWait));
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:1000"});
   ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= 100; }, kLongWait));
   ASSERT_EQ(encoders[0]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
@@ -156,7 +155,7 @@ TEST(EncodingInParts, KilledInTheMiddleItLosesNothing) {
   const int seen = number_before(encoder->output(), " of 4000 frames encoded, ");
   ASSERT_GT(seen, 0) << encoder->output();
   encoder = run.encoder({"--encoder", "vlad"});
-  ASSERT_TRUE(encoder->says("were encoded before", kShortWait)) << encoder->output();
+  ASSERT_TRUE(encoder->says("were encoded before", kEncodingWait)) << encoder->output();
   EXPECT_GE(number_before(encoder->output(), " of 4000 frames were encoded before"), seen) << encoder->output();
   EXPECT_EQ(encoder->end(SIGINT, seconds(5)), 0) << encoder->output();
 }

@@ -18,8 +18,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr seconds kShortWait{30};
-
 TEST(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
   Trial run("simulated");
   const auto summer = run.env("summer", kDrawn);
@@ -41,13 +39,13 @@ TEST(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
   Trial run("simulated");
   const auto summer = run.env("summer", kDrawn);
   const auto hog = run.encoder({"--id", "hog", "--encoder", "hog"});
-  ASSERT_TRUE(hog->says("serves 'env-summer'", kShortWait)) << hog->output();
+  ASSERT_TRUE(hog->says("serves 'env-summer'", kEncodingWait)) << hog->output();
   for (const Arguments& options :
        {Arguments{"--encoder", "patchnorm"}, Arguments{"--encoder", "hog", "--hog-bins", "9"},
         Arguments{"--encoder", "hog", "--dimension", "32"}})
     for (const std::string& store : {run.folder() / "store", std::string("none")}) {
       const auto other = run.encoder(Arguments{"--id", "other", "--store", store} + options);
-      ASSERT_EQ(other->wait(kShortWait), 1) << other->output();
+      ASSERT_EQ(other->wait(kEncodingWait), 1) << other->output();
       EXPECT_TRUE(contains(other->output(), "'hog' already encodes with")) << other->output();
     }
 }
@@ -57,8 +55,8 @@ TEST(Encoding, PixelsReachThePolicyServiceAsTheyAre) {
   EncodingWatch watch(run.middleware());
   const auto encoder = run.encoder({"--encoder", "raw84", "--dimension", "0", "--centring", "none"});
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:16"});
-  ASSERT_TRUE(encoder->says("serves 'env-summer'", kShortWait)) << encoder->output();
-  const std::vector<float> pixels = watch.features("summer", "encoder", kShortWait);
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kEncodingWait)) << encoder->output();
+  const std::vector<float> pixels = watch.features("summer", "encoder", kEncodingWait);
   ASSERT_EQ(pixels.size(), 16u * 84 * 84 * 3) << encoder->output();
   const auto [least, most] = std::minmax_element(pixels.begin(), pixels.end());
   EXPECT_GE(*least, 0);
@@ -73,7 +71,7 @@ std::string own_store(const Trial& run, const std::string& id, bool stores) {
 }
 
 /// The names and contents of a store's files.
-std::map<std::string, std::string> files_of(const std::string& store) {
+std::map<std::string, std::string> stored_files(const std::string& store) {
   std::map<std::string, std::string> files;
   for (const auto& entry : std::filesystem::directory_iterator(store))
     files[entry.path().filename()] = contents(entry.path());
@@ -119,14 +117,14 @@ TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnc
                   serving = i;
               return serving < ids.size();
             },
-            kShortWait))
+            kEncodingWait))
             << what;
-        const std::vector<float> features = watch.features("summer", ids[serving], kShortWait);
+        const std::vector<float> features = watch.features("summer", ids[serving], kEncodingWait);
         ASSERT_FALSE(features.empty()) << what << encoders[serving]->output();
         if (expected.empty()) expected = features;
         EXPECT_TRUE(features == expected) << what << ", " << ids[serving];
         if (stores) {
-          const auto files = files_of(own_store(run, ids[serving], stores));
+          const auto files = stored_files(own_store(run, ids[serving], stores));
           if (expected_files.empty()) expected_files = files;
           EXPECT_EQ(files.size(), 3u) << "descriptors, the encoder's words, the reduction";
           EXPECT_TRUE(files == expected_files) << what << ", " << ids[serving];
@@ -152,7 +150,7 @@ TEST(EncodingShared, OneThatComesLateFetchesEverything) {
   EXPECT_TRUE(contains(two->output(), " 0 frames encoded")) << two->output();
   // What it fetched is in its store.
   const auto again = run.encoder({"--id", "two", "--store", run.folder() / "own"});
-  ASSERT_TRUE(again->says(kLongWayCount + " of " + kLongWayCount + " frames were encoded before", kShortWait))
+  ASSERT_TRUE(again->says(kLongWayCount + " of " + kLongWayCount + " frames were encoded before", kEncodingWait))
       << again->output();
 }
 
@@ -199,9 +197,9 @@ TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
               serving = id;
           return !serving.empty();
         },
-        kShortWait))
+        kEncodingWait))
         << what;
-    const std::vector<float> features = watch.features("summer", serving, kShortWait);
+    const std::vector<float> features = watch.features("summer", serving, kEncodingWait);
     ASSERT_FALSE(features.empty()) << what;
     if (expected.empty()) expected = features;
     EXPECT_TRUE(features == expected) << what;
@@ -251,13 +249,13 @@ TEST(EncodingNames, RecordingsOfEqualContentsAreServedUnderEachName) {
         envs.push_back(run.env(order[i], options));
         const auto begin = order.begin(), here = begin + static_cast<std::ptrdiff_t>(i);
         if (std::find(begin, here, order[i]) == here) {  // its name is new: it is found before the next one comes
-          ASSERT_TRUE(encoder->says(fmt::format("from 'env-{}'", i), kShortWait)) << what << encoder->output();
+          ASSERT_TRUE(encoder->says(fmt::format("from 'env-{}'", i), kEncodingWait)) << what << encoder->output();
         }
       }
       for (std::size_t i = 0; i < order.size(); ++i)
-        ASSERT_TRUE(encoder->says(fmt::format("serves 'env-{}'", i), kShortWait)) << what << encoder->output();
+        ASSERT_TRUE(encoder->says(fmt::format("serves 'env-{}'", i), kEncodingWait)) << what << encoder->output();
       for (const std::string& name : order) {
-        const std::vector<float> features = watch.features(name, "encoder", kShortWait);
+        const std::vector<float> features = watch.features(name, "encoder", kEncodingWait);
         ASSERT_FALSE(features.empty()) << what << ", " << name;
         if (order.size() == 1) expected = features;
         EXPECT_TRUE(features == expected) << what << ", " << name;
@@ -282,14 +280,14 @@ TEST(EncodingNames, OtherFramesUnderTheReferencesNameAreNamed) {
   Arguments options = tiny_route(run, "summer");
   auto summer = run.env("summer", options);
   const auto encoder = run.encoder({"--encoder", "patchnorm", "--dimension", "4"});
-  ASSERT_TRUE(encoder->says("serves 'env-summer'", kShortWait)) << encoder->output();
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kEncodingWait)) << encoder->output();
   EXPECT_FALSE(contains(encoder->output(), "hosts other frames"));
   ASSERT_EQ(summer->end(SIGTERM, seconds(5)), 0);
   options.insert(options.end(), {"--frames", "0:20"});
   summer = run.env("summer", options);
-  ASSERT_TRUE(encoder->says("'env-summer' hosts other frames of the reference 'summer'", kShortWait))
+  ASSERT_TRUE(encoder->says("'env-summer' hosts other frames of the reference 'summer'", kEncodingWait))
       << encoder->output();
-  EXPECT_TRUE(poll_until([&] { return occurrences(encoder->output(), "serves 'env-summer'") == 2; }, kShortWait));
+  EXPECT_TRUE(poll_until([&] { return occurrences(encoder->output(), "serves 'env-summer'") == 2; }, kEncodingWait));
 }
 
 TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
@@ -299,17 +297,17 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   std::filesystem::resize_file(run.folder() / "data/summer/007.ppm", 60);
   const auto summer = run.env("summer", options);
   const auto strict = run.encoder({"--dimension", "8"});
-  ASSERT_TRUE(strict->says("summer is refused", kShortWait)) << strict->output() << summer->output();
+  ASSERT_TRUE(strict->says("summer is refused", kEncodingWait)) << strict->output() << summer->output();
   EXPECT_TRUE(contains(strict->output(), "007.ppm"));
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
-  ASSERT_EQ(policy->wait(kShortWait), 1) << policy->output();
+  ASSERT_EQ(policy->wait(kEncodingWait), 1) << policy->output();
   EXPECT_TRUE(contains(policy->output(), "summer is refused: frame 7"));
   ASSERT_EQ(strict->end(SIGTERM, seconds(5)), 0);
   const auto lenient = run.encoder({"--dimension", "8", "--on-bad-frame", "skip"});
-  EXPECT_TRUE(lenient->says("serves 'env-summer'", kShortWait)) << lenient->output();
+  EXPECT_TRUE(lenient->says("serves 'env-summer'", kEncodingWait)) << lenient->output();
   // Another one fetches what can be encoded, and sees for itself what cannot.
   const auto second = run.encoder({"--id", "second", "--dimension", "8", "--on-bad-frame", "skip", "--store", "none"});
-  EXPECT_TRUE(second->says("summer: ready", kShortWait)) << second->output();
+  EXPECT_TRUE(second->says("summer: ready", kEncodingWait)) << second->output();
   EXPECT_TRUE(contains(second->output(), "(0 of them now, 29 by others")) << second->output();
   EXPECT_TRUE(contains(second->output(), "007.ppm")) << second->output();
 }
@@ -318,13 +316,13 @@ TEST(EncodingFaults, DefaultsFitAShortRouteAndGivenValuesMustFit) {
   Trial run("simulated");
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:20"});
   const auto strict = run.encoder({"--dimension", "64"});
-  ASSERT_EQ(strict->wait(kShortWait), 1) << strict->output();
+  ASSERT_EQ(strict->wait(kEncodingWait), 1) << strict->output();
   EXPECT_TRUE(contains(strict->output(), "dimension: is 64 (0 to 19: the reference has 20 frames")) << strict->output();
   const auto encoder = run.encoder({});
-  ASSERT_TRUE(encoder->says("serves 'env-summer'", kShortWait)) << encoder->output();
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kEncodingWait)) << encoder->output();
   EXPECT_TRUE(contains(encoder->output(), "--dimension is 19 instead of 64")) << encoder->output();
   const auto too_long = run.policy({"--frames", "0:128", "--wait", std::to_string(3 * kSlowness)});
-  ASSERT_EQ(too_long->wait(kShortWait), 1) << too_long->output();
+  ASSERT_EQ(too_long->wait(kEncodingWait), 1) << too_long->output();
   EXPECT_TRUE(contains(too_long->output(), "has 20 frames, the route needs frames 0..127")) << too_long->output();
   for (const Arguments& mode :
        {Arguments{"--steps", "1024", "--curriculum"}, Arguments{"--mode", "evaluate", "--agent", "blind"}}) {
@@ -343,7 +341,7 @@ TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
   const auto summer = run.env("summer", kDrawn);
   const auto encoder = run.encoder({"--reference", "spring"});
   const auto policy = run.policy({"--wait", std::to_string(4 * kSlowness)});
-  ASSERT_EQ(policy->wait(kShortWait), 1) << policy->output() << encoder->output();
+  ASSERT_EQ(policy->wait(kEncodingWait), 1) << policy->output() << encoder->output();
   EXPECT_TRUE(contains(policy->output(), "summer waits for an env_service on the reference 'spring'"));
 }
 
@@ -359,7 +357,7 @@ TEST(EncodingFaults, WithoutAnEncoderServiceThePolicyServiceSaysWhatIsMissing) {
   Trial run("simulated");
   const auto summer = run.env("summer", kDrawn);
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
-  ASSERT_EQ(policy->wait(kShortWait), 1) << policy->output();
+  ASSERT_EQ(policy->wait(kEncodingWait), 1) << policy->output();
   EXPECT_TRUE(contains(policy->output(), "whose images wait for an encoder_service"));
 }
 

@@ -13,7 +13,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kLongWait{60}, kShortWait{10};
+constexpr seconds kTrainingWait{60};
 constexpr int kTimes = 5;  // each message, at least
 const float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinite = std::numeric_limits<float>::infinity();
 
@@ -42,7 +42,7 @@ class Stranger {
       });
       return found.has_value();
     };
-    EXPECT_TRUE(eventually([this] { raw_->wait(Clock::now() + milliseconds(20)); }, heard, kLongWait))
+    EXPECT_TRUE(eventually([this] { raw_->wait(Clock::now() + milliseconds(20)); }, heard, kTrainingWait))
         << "nothing of " << topic_of<Message>().type << " was heard";
     return found.value_or(Message());
   }
@@ -95,7 +95,7 @@ class Hostile : public ::testing::Test {
   /// Service `id` counts the message that `attack` sends, each time anew.
   void expect_counted(const std::string& what, const std::string& id, Count count,
                       const std::function<void()>& attack) {
-    ASSERT_TRUE(witness_.until([&] { return witness_.status.contains(id); }, kLongWait));
+    ASSERT_TRUE(witness_.until([&] { return witness_.status.contains(id); }, kTrainingWait));
     const std::uint64_t before = count(witness_.status[id]);
     Clock::time_point next{};
     EXPECT_TRUE(witness_.until(
@@ -119,7 +119,7 @@ class Hostile : public ::testing::Test {
 TEST_F(Hostile, APolicyServiceBelievesEnvServicesAlone) {
   const auto env = trial_.env("summer");
   const auto policy = trial_.train(10'000'000, "out", {"--middleware", "lossy,drop=0.1,seed=2:simulated"});
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << policy->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kTrainingWait)) << policy->output();
   const auto observation = stranger_.hear<msg::Observation>();
   const auto info = stranger_.hear<msg::TraversalInfo>();
   const auto episode = stranger_.hear<msg::EpisodeStat>();
@@ -168,7 +168,7 @@ TEST_F(Hostile, APolicyServiceBelievesEnvServicesAlone) {
 TEST_F(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
   const auto env = trial_.env("summer");
   const auto policy = trial_.train(10'000'000, "out");
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << policy->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kTrainingWait)) << policy->output();
   // It introduces itself as the env_services do, is told what to do, and shows places that are beside the route.
   auto info = stranger_.hear<msg::TraversalInfo>();
   auto observation = stranger_.hear<msg::Observation>();
@@ -184,7 +184,7 @@ TEST_F(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
           if (settings.environment() == "stranger") return true;
         return false;
       },
-      kLongWait));
+      kTrainingWait));
   observation.settings() = settings.settings();
   observation.step() = 0;
   observation.position()[0] = settings.first_frame() + settings.frames();
@@ -196,7 +196,7 @@ TEST_F(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
 TEST_F(Hostile, AnEnvServiceObeysWhoIsInCharge) {
   const auto env = trial_.env("summer");
   const auto policy = trial_.train(10'000'000, "out");
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << policy->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kTrainingWait)) << policy->output();
   const auto settings = stranger_.hear<msg::TaskSettings>();
   const auto genuine = stranger_.hear<msg::Action>();
   const std::string id = "env-summer";
@@ -251,7 +251,8 @@ TEST_F(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   const auto env = trial_.env("summer");
   const auto learner = trial_.train(10'000'000, "out", {"--role", "learner"});
   const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
-  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLongWait)) << learner->output() << actor->output();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kTrainingWait))
+      << learner->output() << actor->output();
   const auto trajectory = stranger_.hear<msg::Trajectory>();
   const auto info = stranger_.hear<msg::LearnerInfo>();
   const auto parameters = stranger_.hear<msg::ParametersChunk>();

@@ -12,8 +12,6 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kShortWait{10};
-
 class InCharge : public ::testing::Test {
  protected:
   void train(ScriptedPolicy& policy, std::uint32_t frames) {

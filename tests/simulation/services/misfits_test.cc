@@ -9,8 +9,6 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kShortWait{10};
-
 class Misfits : public ::testing::Test {
  protected:
   Misfits() : witness_("simulated", trial_.domain()) {}

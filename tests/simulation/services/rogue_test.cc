@@ -18,7 +18,6 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr seconds kShortWait{10};
 constexpr milliseconds kPace{1};  // between two messages, so that readers are not merely flooded
 
 /// Sets one field of a message to one of its extremes, both by number. The names stay empty where there is none.

@@ -14,6 +14,8 @@
 
 namespace citylearn::testing {
 
+inline constexpr seconds kEncodingWait{30};  ///< for what waits for the features of a traversal
+
 /// Hears how the encoder_services of a session divide their work, and fetches the features that they make.
 class EncodingWatch {
  public:

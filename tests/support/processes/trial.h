@@ -20,6 +20,7 @@
 namespace citylearn::testing {
 
 inline constexpr seconds kLongWait{120};  ///< for what takes a whole run
+inline constexpr seconds kShortWait{10};  ///< for what services do at once
 
 /// Options of an env_service: pictures of the drawn city.
 inline const Arguments kDrawn = {"--dataset", "synthetic", "--frames", "0:128"};

@@ -18,7 +18,7 @@
 namespace citylearn::testing {
 
 using Json = nlohmann::json;
-using Parameters = std::map<std::string, std::string>;
+using QueryParameters = std::map<std::string, std::string>;
 
 /// A LiveView with one service, one event, a map, a picture.
 class FakeLive : public LiveView {
@@ -57,7 +57,7 @@ class ApiTest : public ::testing::Test {
   Api api_{options_, store_, &live_};
   const std::string id_ = run_id(run_info());
 
-  Answer ask(const std::vector<std::string>& path, const Parameters& parameters = {},
+  Answer ask(const std::vector<std::string>& path, const QueryParameters& parameters = {},
              const std::string& method = "GET") {
     return api_.answer({method, path, parameters});
   }
@@ -67,14 +67,14 @@ class ApiTest : public ::testing::Test {
       if (!answer.more(answer.body)) answer.more = nullptr;
     return answer;
   }
-  Json json(const std::vector<std::string>& path, const Parameters& parameters = {}) {
+  Json json(const std::vector<std::string>& path, const QueryParameters& parameters = {}) {
     const Answer answer = whole(ask(path, parameters));
     EXPECT_EQ(answer.status, 200) << answer.body;
     EXPECT_EQ(answer.type, "application/json");
     return Json::parse(answer.body);
   }
   void expect_error(int status, const std::string& naming, const std::vector<std::string>& path,
-                    const Parameters& parameters = {}, const std::string& method = "GET") {
+                    const QueryParameters& parameters = {}, const std::string& method = "GET") {
     const Answer answer = ask(path, parameters, method);
     EXPECT_EQ(answer.status, status) << answer.body;
     EXPECT_TRUE(contains(Json::parse(answer.body).value("error", ""), naming));

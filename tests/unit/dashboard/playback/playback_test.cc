@@ -13,7 +13,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr std::uint32_t kDomain = 39;
+constexpr std::uint32_t kPlaybackDomain = 39;
 constexpr std::uint64_t kSecond = 1'000'000'000;
 
 TEST(Playback, IsOnItsWayUntilWhatWasPlayedIsShown) {
@@ -24,7 +24,7 @@ TEST(Playback, IsOnItsWayUntilWhatWasPlayedIsShown) {
     tape.say(heartbeat("env_service", "env", 7), 1'700'000'000 * kSecond + i * kSecond);
   tape.writer.close();
   const Timeline timeline({file});
-  Playback playback(kDomain, {{file}, 1, {}, "", 1.5, true}, 0, timeline);
+  Playback playback(kPlaybackDomain, {{file}, 1, {}, "", 1.5, true}, 0, timeline);
   const auto arrives = [&] {
     return eventually([] { std::this_thread::yield(); }, [&] { return playback.arrived().has_value(); });
   };
@@ -61,7 +61,7 @@ TEST(Playback, AtTheBeginningNothingIsOnItsWay) {
   tape.say(heartbeat("env_service", "env", 7), kSecond);
   tape.writer.close();
   const Timeline timeline({file});
-  const Playback playback(kDomain, {{file}, 1, {}, "", 0, true}, 0, timeline);
+  const Playback playback(kPlaybackDomain, {{file}, 1, {}, "", 0, true}, 0, timeline);
   EXPECT_FALSE(playback.state().seeking);
   EXPECT_EQ(playback.arrived(), std::nullopt);
 }

@@ -18,7 +18,7 @@ namespace {
 
 constexpr std::uint32_t kDomain = 210;
 
-Node::Options node_options(const std::string& middleware, const std::string& service, const std::string& id) {
+Node::Options recorder_node_options(const std::string& middleware, const std::string& service, const std::string& id) {
   return {middleware_options(middleware, kDomain), service, id, "demo"};
 }
 
@@ -26,7 +26,7 @@ Node::Options node_options(const std::string& middleware, const std::string& ser
 class ScriptedEnvironment {
  public:
   explicit ScriptedEnvironment(const std::string& middleware = "inprocess")
-      : node(node_options(middleware, "env_service", "env-summer")) {
+      : node(recorder_node_options(middleware, "env_service", "env-summer")) {
     node.create_writer<msg::EpisodeStat>();
     node.create_reader<msg::EpisodeAcknowledgement>();
   }
@@ -93,7 +93,7 @@ class ScriptedLearner {
         send(u);
     }
   }
-  Node node{node_options("inprocess", "policy_service", "policy")};
+  Node node{recorder_node_options("inprocess", "policy_service", "policy")};
   std::uint64_t first = 1, last = 0;  ///< updates that it keeps
   int requests = 0;
 };
@@ -147,7 +147,8 @@ class RecorderTest : public ::testing::Test {
     hasty_.retry_after = milliseconds(50);
   }
   std::unique_ptr<Dashboard> make_dashboard(const std::string& middleware = "inprocess") {
-    return std::make_unique<Dashboard>(node_options(middleware, "dashboard", "dashboard"), store_options_, hasty_);
+    return std::make_unique<Dashboard>(recorder_node_options(middleware, "dashboard", "dashboard"), store_options_,
+                                       hasty_);
   }
   std::int64_t number(const std::string& sql) { return open_database(store_options_.path).execAndGet(sql).getInt64(); }
   template <class... Parties>
