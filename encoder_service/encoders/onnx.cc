@@ -6,48 +6,61 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMaxOutputs = 65536;
+constexpr Eigen::Index kMaxOutputs = 65536;
 
-/// Any network from a picture to a vector. A feature map [1,C,H,W] becomes its mean over H and W (C numbers) unless
-/// pool=0; every other output is taken as it lies in memory. Nothing is normalised: Reduction does that.
+/// Any network from a picture to a vector. A feature map [1,C,H,W] becomes its mean over H and W (C numbers), or with
+/// pool=N its means over N x N cells (C N N numbers), unless pool=0; every other output is taken as it lies in memory.
+/// Nothing is normalised: Reduction does that.
 class Onnx : public Encoder {
  public:
   Onnx(const Parameters& parameters, const EncoderFiles& files)
-      : network_(parameters, files), pool_(parameters.flag("pool")) {
+      : network_(parameters, files), pool_(parameters.integer("pool")) {
     const std::vector<int>& shape = network_.shape();
-    std::size_t numbers = 1;
-    for (const int side : shape) numbers *= side;
-    positions_ = pool_ && shape.size() == 4 ? static_cast<Eigen::Index>(shape[2]) * shape[3] : 1;
-    dimension_ = static_cast<Eigen::Index>(numbers) / positions_;
-    if (numbers / positions_ > kMaxOutputs)
+    const bool pooled = pool_ > 0 && shape.size() == 4;
+    for (const int side : shape) dimension_ *= side;
+    if (pooled) dimension_ = static_cast<Eigen::Index>(shape[1]) * pool_ * pool_;
+    if (pooled) rows_ = cell_means(shape[2], pool_), columns_ = cell_means(shape[3], pool_);
+    if (dimension_ > kMaxOutputs)
       throw Error("its layer gives " + std::to_string(dimension_) + " numbers, at most " + std::to_string(kMaxOutputs) +
                       " are allowed",
-                  network_.model(), "name another with --layer, or leave pool at 1");
+                  network_.model(), "name another with --layer, or average a feature map by pool=1 or a grid, pool=4");
   }
 
   Spec spec() const override {
-    return {fit_name("onnx-2 " + network_.description() + (pool_ ? "" : " pool=0")), static_cast<int>(dimension_), 4};
+    return {fit_name("onnx-2 " + network_.description() + (pool_ == 1 ? "" : " pool=" + std::to_string(pool_))),
+            static_cast<int>(dimension_), 4};
   }
 
   Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) override {
     Eigen::MatrixXf descriptors(dimension_, pictures.size());
+    const Eigen::Index height = rows_.cols(), width = columns_.cols(), cells = rows_.rows() * columns_.rows();
     for (std::size_t i = 0; i < pictures.size(); ++i) {
       const cv::Mat output = network_.forward(pictures[i]);
-      descriptors.col(i) =
-          Eigen::Map<const Eigen::MatrixXf>(output.ptr<float>(), positions_, dimension_).colwise().mean();
+      const float* numbers = output.ptr<float>();
+      if (cells <= 1)
+        descriptors.col(i) =
+            Eigen::Map<const Eigen::MatrixXf>(numbers, std::max<Eigen::Index>(height * width, 1), dimension_)
+                .colwise()
+                .mean();
+      for (Eigen::Index c = 0; cells > 1 && c * cells < dimension_; ++c)
+        descriptors.col(i).segment(c * cells, cells) =
+            (columns_ * Eigen::Map<const Eigen::MatrixXf>(numbers + c * height * width, width, height) *
+             rows_.transpose())
+                .reshaped();
     }
     return descriptors;
   }
 
  private:
   OnnxNetwork network_;
-  bool pool_;
-  Eigen::Index positions_ = 1, dimension_ = 0;
+  int pool_;
+  Eigen::MatrixXf rows_, columns_;  // of a feature map: the means of its cells; empty: all numbers
+  Eigen::Index dimension_ = 1;
 };
 
 std::vector<ParameterSpec> onnx_parameters() {
   std::vector<ParameterSpec> specs = network_parameters();
-  specs.push_back({"pool", "1: a feature map becomes its mean over all positions; 0: all its numbers", 1, 0, 1, true});
+  specs.push_back({"pool", "N: a feature map becomes its means over N x N cells; 0: all its numbers", 1, 0, 64, true});
   return specs;
 }
 

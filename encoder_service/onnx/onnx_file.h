@@ -33,4 +33,15 @@ struct OnnxFile {
 /// or damaged, has a graph without nodes, or keeps weights in other files.
 OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where);
 
+/// A model with all its weights inside.
+struct OnnxModel {
+  std::vector<std::byte> bytes;  ///< the file's own when it keeps no weights elsewhere
+  std::string hash;              ///< short_hash() of the file, with its weights elsewhere
+};
+
+/// Reads the model at `path` and puts weights inside that it keeps in other files (external data). Throws Error naming
+/// the file when it is not an ONNX model, when weights are cut short, lie elsewhere than in its folder or below
+/// (symbolic links followed), or when all together is larger than protobuf's 2 GiB.
+OnnxModel load_onnx(const std::string& path);
+
 }  // namespace citylearn

@@ -18,8 +18,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kMaxModelBytes = (std::uint64_t{1} << 31) - 1;  // protobuf's own limit
-constexpr int kMaxInputSide = 4096;                                     // pixels of a network's input
+constexpr int kMaxInputSide = 4096;  // pixels of a network's input
 
 struct Preset {
   int width, height;  // 0: the model's own
@@ -141,9 +140,10 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
   if (found == presets().end()) throw Error("unknown preset '" + preset_name + "'", "", "known: " + list_presets());
   const Preset& preset = found->second;
 
-  const std::vector<std::byte> bytes = read_model_file(path_, kMaxModelBytes);
+  const OnnxModel model = load_onnx(path_);
+  const std::span<const std::byte> bytes = model.bytes;
   const OnnxFile file = read_onnx(bytes, path_);
-  hash_ = short_hash(bytes);
+  hash_ = model.hash;
   if (file.inputs.size() != 1)
     throw Error("has " + std::to_string(file.inputs.size()) + " inputs, a picture is one", path_);
   choose_size(file.inputs[0].shape, parameters.integer("width"), parameters.integer("height"), true);
@@ -171,7 +171,8 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
     impl_->net.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
   } catch (const std::exception& exception) {
     throw Error(import_fault(exception, file.opset), path_,
-                "docs/how-to/use-an-onnx-encoder.md says how to export what OpenCV reads");
+                "run it in Python for a file of features, or on Debian 13, where ONNX Runtime runs it; or export it as "
+                "docs/how-to/use-an-onnx-encoder.md says");
   }
   choose_layer(files.layer, preset.pooled);
   refuse_misread_nodes(bytes, input, layer_, path_);
@@ -223,6 +224,15 @@ void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
   const std::vector<std::string>& shown = close.empty() ? names : close;
   const std::span last = std::span(shown).last(std::min<std::size_t>(shown.size(), 5));
   throw Error("has no layer '" + wanted + "'", path_, (close.empty() ? "its last are " : "it has ") + joined(last));
+}
+
+Eigen::MatrixXf cell_means(int side, int cells) {
+  Eigen::MatrixXf means = Eigen::MatrixXf::Zero(cells, side);
+  for (int cell = 0; cell < cells; ++cell) {
+    const int begin = cell * side / cells, end = ((cell + 1) * side + cells - 1) / cells;
+    means.block(cell, begin, 1, end - begin).setConstant(1.0f / static_cast<float>(end - begin));
+  }
+  return means;
 }
 
 std::vector<std::array<int, 2>> resizing_steps(std::array<int, 2> from, std::array<int, 2> to) {

@@ -69,6 +69,10 @@ class OnnxNetwork {
 /// pixels to each of its own, and is then halved, which is exact and quick.
 std::vector<std::array<int, 2>> resizing_steps(std::array<int, 2> from, std::array<int, 2> to);
 
+/// Returns the weights (cells x side) by which a side of a feature map is averaged over cells. Cell i goes from
+/// i side / cells, rounded down, to (i + 1) side / cells, rounded up, as in PyTorch's adaptive_avg_pool2d.
+Eigen::MatrixXf cell_means(int side, int cells);
+
 /// Returns `name`, or its beginning and a hash when it is longer than the 200 characters of Encoder::Spec::name.
 std::string fit_name(const std::string& name);
 

@@ -63,17 +63,19 @@ class TinyOnnx {
         5, Proto().number(1, static_cast<std::int64_t>(numbers.size())).number(2, 7).text(8, name).text(9, raw));
     return *this;
   }
-  TinyOnnx& weights(const std::string& name, const std::vector<std::int64_t>& shape, const std::vector<float>& numbers,
-                    bool elsewhere = false) {
-    Proto tensor;
-    for (const std::int64_t side : shape) tensor.number(1, side);
-    tensor.number(2, 1).text(8, name);
-    std::string raw(numbers.size() * sizeof(float), '\0');
-    std::memcpy(raw.data(), numbers.data(), raw.size());
-    tensor.text(9, raw);
-    if (elsewhere) tensor.number(14, 1);
-    graph_.message(5, tensor);
-    return *this;
+  TinyOnnx& weights(const std::string& name, const std::vector<std::int64_t>& shape,
+                    const std::vector<float>& numbers) {
+    return tensor(name, shape, Proto().text(9, raw(numbers)));
+  }
+  /// Keeps them in another file: `place` has its location, and may have offset and length.
+  TinyOnnx& outside_weights(const std::string& name, const std::vector<std::int64_t>& shape,
+                            const std::vector<std::pair<std::string, std::string>>& place) {
+    Proto outside;
+    for (const auto& [key, value] : place) outside.message(13, Proto().text(1, key).text(2, value));
+    return tensor(name, shape, outside.number(14, 1));
+  }
+  static std::string raw(const std::vector<float>& numbers) {
+    return {reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(float)};
   }
   TinyOnnx& opset(std::int64_t version) { return opset_ = version, *this; }
   TinyOnnx& producer(const std::string& name) { return producer_ = name, *this; }
@@ -116,6 +118,12 @@ class TinyOnnx {
   }
 
  private:
+  TinyOnnx& tensor(const std::string& name, const std::vector<std::int64_t>& shape, Proto numbers) {
+    for (const std::int64_t side : shape) numbers.number(1, side);
+    graph_.message(5, numbers.number(2, 1).text(8, name));
+    return *this;
+  }
+
   static Proto value(const std::string& name, const std::vector<std::int64_t>& shape) {
     Proto sides;
     for (const std::int64_t side : shape) {

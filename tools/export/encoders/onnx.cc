@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <opencv2/imgproc.hpp>
 
-#include "core/files/files.h"
+#include "encoder_service/onnx/onnx_file.h"
 #include "encoder_service/onnx/onnx_network.h"
 #include "tools/export/encoder_graph.h"
 
@@ -34,14 +34,19 @@ std::unique_ptr<EncoderGraph> append_onnx(const Parameters& parameters, const En
     bias[static_cast<std::size_t>(channel)] = -network.mean()[c] / network.deviation()[c];
   }
   OnnxGraph& graph = *picture.value.graph;
-  OnnxValue output = graph.append_network(read_file(files.model), recoloured(input, weights, bias).value,
-                                          node_name(network.layer()), files.model);
+  const std::vector<std::byte> model = load_onnx(files.model).bytes;
+  OnnxValue output =
+      graph.append_network(std::string(reinterpret_cast<const char*>(model.data()), model.size()),
+                           recoloured(input, weights, bias).value, node_name(network.layer()), files.model);
   const std::vector<int>& shape = network.shape();
   std::int64_t numbers = 1;
   for (const int side : shape) numbers *= side;
-  if (shape.size() == 4 && parameters.flag("pool")) {
-    output = graph.node("GlobalAveragePool", {output});
-    numbers = shape[1];
+  if (const int pool = parameters.integer("pool"); shape.size() == 4 && pool > 0) {
+    output = pool == 1 ? graph.node("GlobalAveragePool", {output})
+                       : transformed({output, shape[1], shape[3], shape[2]}, cell_means(shape[3], pool),
+                                     cell_means(shape[2], pool))
+                             .value;
+    numbers = std::int64_t{shape[1]} * pool * pool;
   }
   return std::make_unique<EncoderGraph>(graph.node("Reshape", {output, graph.integers({-1, numbers})}));
 }

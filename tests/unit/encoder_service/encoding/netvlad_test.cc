@@ -8,8 +8,8 @@
 #include "core/util/random.h"
 #include "encoder_service/encoding/encoder.h"
 #include "encoder_service/encoding/netvlad_head.h"
+#include "tests/support/files.h"
 #include "tests/support/networks/tiny_onnx.h"
-#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -57,7 +57,8 @@ INSTANTIATE_TEST_SUITE_P(
                       EncoderCase{"patchnorm", {{"width", 50}, {"height", 30}, {"patch", 7}}, 2e-4},
                       // A colour between two levels may round to either; normalised contrast enlarges that.
                       EncoderCase{"raw84", {{"sigma", 0}}, 1.01 / 255}, EncoderCase{"raw84", {}, 0.04},
-                      EncoderCase{"onnx", {}, 2e-3, true}, EncoderCase{"onnx", {{"pool", 0}, {"rgb", 0}}, 0.05, true}),
+                      EncoderCase{"onnx", {}, 2e-3, true}, EncoderCase{"onnx", {{"pool", 0}, {"rgb", 0}}, 0.05, true},
+                      EncoderCase{"onnx", {{"pool", 3}}, 0.01, true}),
     [](const auto& one) { return one.param.encoder + std::to_string(one.index); });
 
 TEST_P(ExportedEncoder, GivesTheEncodersDescriptors) {
