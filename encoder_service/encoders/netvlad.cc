@@ -34,15 +34,14 @@ class Netvlad : public Encoder {
   }
 
   Spec spec() const override {
-    return {fit_name("netvlad-2 " + network_.description() + " head=" + hash_), head().dimension(), 4};
+    return {fit_name("netvlad-2 " + network_.description() + " head=" + hash_), head().dimension(),
+            network_.pictures_a_call()};
   }
 
   Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) override {
     Eigen::MatrixXf descriptors(head().dimension(), pictures.size());
-    for (std::size_t i = 0; i < pictures.size(); ++i) {
-      const cv::Mat output = network_.forward(pictures[i]);
-      descriptors.col(i) = head()(map_of(output));
-    }
+    network_.forward(
+        pictures, [&](std::size_t i, std::span<const float> numbers) { descriptors.col(i) = head()(map_of(numbers)); });
     return descriptors;
   }
 
@@ -57,14 +56,13 @@ class Netvlad : public Encoder {
     Eigen::MatrixXf features(shape[1], each * static_cast<Eigen::Index>(pictures.size()));
     Eigen::Index column = 0;
     std::vector<Eigen::Index> order(positions);
-    for (const cv::Mat& picture : pictures) {
-      const cv::Mat output = network_.forward(picture);
+    network_.forward(pictures, [&](std::size_t, std::span<const float> numbers) {
       for (Eigen::Index i = 0; i < positions; ++i) order[i] = i;
       for (Eigen::Index i = 0; i < each; ++i) {  // `each` of them by chance, none twice
         std::swap(order[i], order[i + static_cast<Eigen::Index>(random.below(positions - i))]);
-        features.col(column++) = map_of(output).row(order[i]).transpose();
+        features.col(column++) = map_of(numbers).row(order[i]).transpose();
       }
-    }
+    });
     features.colwise().normalize();  // a zero feature stays zero
     take(NetvladHead::learn(features, clusters_).save(), "netvlad");
   }
@@ -83,9 +81,9 @@ class Netvlad : public Encoder {
 
  private:
   /// H W x C.
-  FeatureMap map_of(const cv::Mat& output) const {
+  FeatureMap map_of(std::span<const float> numbers) const {
     const auto& shape = network_.shape();
-    return FeatureMap(output.ptr<float>(), static_cast<Eigen::Index>(shape[2]) * shape[3], shape[1]);
+    return FeatureMap(numbers.data(), static_cast<Eigen::Index>(shape[2]) * shape[3], shape[1]);
   }
 
   const NetvladHead& head() const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <opencv2/core.hpp>
 
+#include "encoder_service/onnx/onnx_backend.h"
 #include "encoder_service/onnx/onnx_network.h"
 
 namespace citylearn {
@@ -28,26 +29,24 @@ class Onnx : public Encoder {
 
   Spec spec() const override {
     return {fit_name("onnx-2 " + network_.description() + (pool_ == 1 ? "" : " pool=" + std::to_string(pool_))),
-            static_cast<int>(dimension_), 4};
+            static_cast<int>(dimension_), network_.pictures_a_call()};
   }
 
   Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) override {
     Eigen::MatrixXf descriptors(dimension_, pictures.size());
     const Eigen::Index height = rows_.cols(), width = columns_.cols(), cells = rows_.rows() * columns_.rows();
-    for (std::size_t i = 0; i < pictures.size(); ++i) {
-      const cv::Mat output = network_.forward(pictures[i]);
-      const float* numbers = output.ptr<float>();
+    network_.forward(pictures, [&](std::size_t i, std::span<const float> numbers) {
       if (cells <= 1)
         descriptors.col(i) =
-            Eigen::Map<const Eigen::MatrixXf>(numbers, std::max<Eigen::Index>(height * width, 1), dimension_)
+            Eigen::Map<const Eigen::MatrixXf>(numbers.data(), std::max<Eigen::Index>(height * width, 1), dimension_)
                 .colwise()
                 .mean();
       for (Eigen::Index c = 0; cells > 1 && c * cells < dimension_; ++c)
         descriptors.col(i).segment(c * cells, cells) =
-            (columns_ * Eigen::Map<const Eigen::MatrixXf>(numbers + c * height * width, width, height) *
+            (columns_ * Eigen::Map<const Eigen::MatrixXf>(numbers.data() + c * height * width, width, height) *
              rows_.transpose())
                 .reshaped();
-    }
+    });
     return descriptors;
   }
 
@@ -66,7 +65,7 @@ std::vector<ParameterSpec> onnx_parameters() {
 
 const EncoderRegistry::Registration onnx_registration({
     "onnx",
-    "a network (--model FILE.onnx, --layer, --preset) run by OpenCV, from a picture to a vector",
+    "a network (--model, --layer, --preset) run by " + onnx_library() + ", from a picture to a vector",
     onnx_parameters(),
     [](const Parameters& values, const EncoderFiles& files) { return std::make_unique<Onnx>(values, files); },
     {},

@@ -6,19 +6,18 @@
 #include <charconv>
 #include <cmath>
 #include <map>
-#include <opencv2/core/utils/logger.hpp>
-#include <opencv2/dnn.hpp>
 #include <opencv2/imgproc.hpp>
-#include <regex>
 
 #include "core/util/text.h"
-#include "encoder_service/onnx/onnx_file.h"
-#include "encoder_service/onnx/onnx_refusals.h"
+#include "encoder_service/onnx/onnx_backend.h"
 
 namespace citylearn {
 namespace {
 
-constexpr int kMaxInputSide = 4096;  // pixels of a network's input
+constexpr int kMaxInputSide = 4096;                     // pixels of a network's input
+constexpr int kMaxModelBatch = 64;                      // pictures that a model may want at once
+constexpr int kMaxBatch = 8;                            // of a model that takes any number
+constexpr int kMaxBatchPixels = kMaxBatch * 320 * 320;  // large pictures gain nothing together, and need memory
 
 struct Preset {
   int width, height;  // 0: the model's own
@@ -46,46 +45,6 @@ const std::map<std::string, Preset>& presets() {
   return all;
 }
 
-/// OpenCV logs what it throws; our Error says it once.
-class Silence {
- public:
-  Silence() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
-  ~Silence() { cv::utils::logging::setLogLevel(before_); }
-  Silence(const Silence&) = delete;
-  Silence& operator=(const Silence&) = delete;
-
- private:
-  cv::utils::logging::LogLevel before_;
-};
-
-/// Returns the innermost reason of an exception that OpenCV wrapped in others, in one line.
-std::string reason_of(const std::exception& exception) {
-  const auto* own = dynamic_cast<const cv::Exception*>(&exception);
-  std::string text = own ? own->err : exception.what();
-  static const std::regex kFrame(R"(OpenCV\([^)]*\)[^\n]*? error: \([^)]*\) )");
-  std::smatch match;
-  while (std::regex_search(text, match, kFrame)) text = match.suffix();
-  text = one_line(text);
-  // What it says goes before the function's name, or after that when it compared two numbers.
-  static const std::regex kFunction("^[ >]*in function '[^']*'"), kRest("( in function '|, where >).*");
-  text = std::regex_replace(std::regex_replace(text, kFunction, ""), kRest, "");
-  while (!text.empty() && (text.front() == ' ' || text.front() == '>')) text.erase(0, 1);
-  while (!text.empty() && text.back() == ' ') text.pop_back();
-  if (text.size() > 160) text = text.substr(0, 160) + " ...";
-  return text;
-}
-
-std::string import_fault(const std::exception& exception, std::int64_t opset) {
-  static const std::regex kNode(R"(Node \[([^@\]]*)@?[^\]]*\]:\(([^)]*)\) parse error)");
-  std::smatch match;
-  const std::string text = exception.what();
-  if (!std::regex_search(text, match, kNode))
-    return "OpenCV cannot import it: " + reason_of(exception) + " (opset " + std::to_string(opset) + ")";
-  const std::string what = one_line("layer '" + match[2].str() + "', operator " + match[1].str());
-  if (text.find("Can't create layer") != std::string::npos) return "OpenCV has no such operator: " + what;
-  return "OpenCV cannot import " + what + ": " + reason_of(exception);
-}
-
 std::string shortest(float number) {
   std::array<char, 32> text{};
   return {text.data(), std::to_chars(text.data(), text.data() + text.size(), number).ptr};
@@ -98,7 +57,7 @@ std::string shortest(const std::array<float, 3>& numbers) {
 }  // namespace
 
 struct OnnxNetwork::Impl {
-  cv::dnn::Net net;
+  std::unique_ptr<OnnxBackend> backend;
   cv::Mat resized, input;
 };
 
@@ -140,9 +99,8 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
   if (found == presets().end()) throw Error("unknown preset '" + preset_name + "'", "", "known: " + list_presets());
   const Preset& preset = found->second;
 
-  const OnnxModel model = load_onnx(path_);
-  const std::span<const std::byte> bytes = model.bytes;
-  const OnnxFile file = read_onnx(bytes, path_);
+  OnnxModel model = load_onnx(path_);
+  const OnnxFile file = read_onnx(model.bytes, path_);
   hash_ = model.hash;
   if (file.inputs.size() != 1)
     throw Error("has " + std::to_string(file.inputs.size()) + " inputs, a picture is one", path_);
@@ -160,27 +118,44 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
       table_[rgb_ ? c : 2 - c][value] =
           static_cast<float>((value / 255.0 * static_cast<double>(scale_) - static_cast<double>(mean_[c])) /
                              static_cast<double>(deviation_[c]));
+    // The network may hide it: OpenCV's ReLU makes 0 of what is not a number.
+    for (const float number : table_[rgb_ ? c : 2 - c])
+      if (!std::isfinite(number))
+        throw Error("scale, mean and deviation of " + colours[c] + " give numbers that are not finite", path_);
   }
 
-  const Silence silence;
-  const std::vector<std::int64_t> input = {1, 3, height_, width_};
-  refuse_misread_nodes(bytes, input, "", path_);
-  try {
-    impl_->net = cv::dnn::readNetFromONNX(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-    impl_->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
-    impl_->net.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
-  } catch (const std::exception& exception) {
-    throw Error(import_fault(exception, file.opset), path_,
-                "run it in Python for a file of features, or on Debian 13, where ONNX Runtime runs it; or export it as "
-                "docs/how-to/use-an-onnx-encoder.md says");
-  }
+  impl_->backend = make_onnx_backend(std::move(model), {width_, height_}, path_);
+  if (impl_->backend->batch() > kMaxModelBatch)
+    throw Error("takes " + std::to_string(impl_->backend->batch()) + " pictures at once, at most " +
+                    std::to_string(kMaxModelBatch) + " are allowed",
+                path_, "export it for one");
   choose_layer(files.layer, preset.pooled);
-  refuse_misread_nodes(bytes, input, layer_, path_);
-  const cv::Mat grey(height_, width_, CV_8UC3, cv::Scalar::all(128)), output = forward(grey).clone();
-  if (cv::norm(output, forward(grey), cv::NORM_INF) != 0)
+  impl_->backend->select(layer_);
+  const cv::Mat grey(height_, width_, CV_8UC3, cv::Scalar::all(128)),
+      dark(height_, width_, CV_8UC3, cv::Scalar::all(9));
+  const cv::Mat output = run(prepare(std::span(&grey, 1)));
+  shape_.assign(output.size.p, output.size.p + output.dims);
+  shape_[0] = 1;
+  numbers_ = output.total() / output.size[0];
+  const auto numbers_of = [&](const std::vector<cv::Mat>& pictures) {
+    std::vector<Eigen::VectorXf> all;
+    forward(pictures, [&](std::size_t, std::span<const float> numbers) {
+      all.push_back(Eigen::Map<const Eigen::VectorXf>(numbers.data(), numbers.size()));
+    });
+    return all;
+  };
+  const Eigen::VectorXf alone = numbers_of({grey})[0];
+  if (alone != numbers_of({grey})[0])
     throw Error("layer '" + layer_ + "' gives other numbers each time for the same picture", path_,
                 "export it by model.eval()");
-  shape_.assign(output.size.p, output.size.p + output.dims);
+  batch_ = impl_->backend->batch();
+  if (batch_ > 0) return;
+  batch_ = std::clamp(kMaxBatchPixels / (width_ * height_), 1, kMaxBatch);
+  try {  // a model may say that its batch is open and mean 1
+    if (batch_ > 1 && !numbers_of({grey, dark})[0].isApprox(alone, 1e-3f)) batch_ = 1;
+  } catch (const Error&) {
+    batch_ = 1;
+  }
 }
 
 OnnxNetwork::~OnnxNetwork() = default;
@@ -201,7 +176,7 @@ void OnnxNetwork::choose_size(const std::vector<std::int64_t>& shape, int width,
 }
 
 void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
-  const std::vector<std::string> names = impl_->net.getLayerNames();
+  const std::vector<std::string> names = impl_->backend->layers();
   if (names.empty()) throw Error("has no layers", path_);
   const auto known = [&](const std::string& name) {
     return std::find(names.begin(), names.end(), name) != names.end();
@@ -209,11 +184,13 @@ void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
   if (wanted.empty()) {
     layer_ = names.back();
     for (const std::string& name : names)
-      if (pooled && impl_->net.getLayer(impl_->net.getLayerId(name))->type == "Pooling") layer_ = name;
+      if (pooled && impl_->backend->pools(name)) layer_ = name;
     return;
   }
   // OpenCV puts its own prefix before the names of ONNX nodes.
-  for (const std::string& name : {wanted, "onnx_node!" + wanted})
+  const std::string prefix = "onnx_node!";
+  for (const std::string& name :
+       {wanted, prefix + wanted, wanted.substr(wanted.starts_with(prefix) ? prefix.size() : 0)})
     if (known(name)) {
       layer_ = name;
       return;
@@ -266,64 +243,70 @@ void fit(const cv::Mat& picture, cv::Size size, cv::Mat& resized) {
 
 }  // namespace
 
-const cv::Mat& OnnxNetwork::prepare(const cv::Mat& picture) {
-  if (picture.empty() || picture.type() != CV_8UC3)
-    throw Error("a picture is not 8-bit with 3 channels", "encoder of " + path_);
-  const cv::Mat* source = &picture;
-  if (picture.cols != width_ || picture.rows != height_) {
-    fit(picture, cv::Size(width_, height_), impl_->resized);
-    source = &impl_->resized;
-  }
-  impl_->input.create(std::vector<int>{1, 3, height_, width_}, CV_32F);
+const cv::Mat& OnnxNetwork::prepare(std::span<const cv::Mat> pictures) {
+  const int fixed = impl_->backend->batch(), count = fixed > 0 ? fixed : static_cast<int>(pictures.size());
+  impl_->input.create(std::vector<int>{count, 3, height_, width_}, CV_32F);
   const std::size_t plane = static_cast<std::size_t>(width_) * height_;
   float* first = impl_->input.ptr<float>();
-  // Input channel c is the picture's channel 2 - c (blue, green, red) when it goes red, green, blue.
-  float* blue = first + (rgb_ ? 2 * plane : 0);
-  float* green = first + plane;
-  float* red = first + (rgb_ ? 0 : 2 * plane);
-  const auto &blues = table_[rgb_ ? 2 : 0], &greens = table_[1], &reds = table_[rgb_ ? 0 : 2];
-  for (int y = 0; y < height_; ++y) {
-    const unsigned char* pixel = source->ptr(y);
-    for (int x = 0; x < width_; ++x, pixel += 3) {
-      *blue++ = blues[pixel[0]];
-      *green++ = greens[pixel[1]];
-      *red++ = reds[pixel[2]];
+  for (int i = 0; i < count; ++i, first += 3 * plane) {
+    const cv::Mat* source = &pictures[std::min<std::size_t>(i, pictures.size() - 1)];
+    if (source->empty() || source->type() != CV_8UC3)
+      throw Error("a picture is not 8-bit with 3 channels", "encoder of " + path_);
+    if (source->cols != width_ || source->rows != height_) {
+      fit(*source, cv::Size(width_, height_), impl_->resized);
+      source = &impl_->resized;
+    }
+    // Input channel c is the picture's channel 2 - c (blue, green, red) when it goes red, green, blue.
+    float* blue = first + (rgb_ ? 2 * plane : 0);
+    float* green = first + plane;
+    float* red = first + (rgb_ ? 0 : 2 * plane);
+    const auto &blues = table_[rgb_ ? 2 : 0], &greens = table_[1], &reds = table_[rgb_ ? 0 : 2];
+    for (int y = 0; y < height_; ++y) {
+      const unsigned char* pixel = source->ptr(y);
+      for (int x = 0; x < width_; ++x, pixel += 3) {
+        *blue++ = blues[pixel[0]];
+        *green++ = greens[pixel[1]];
+        *red++ = reds[pixel[2]];
+      }
     }
   }
   return impl_->input;
 }
 
 cv::Mat OnnxNetwork::run(const cv::Mat& input) {
-  const Silence silence;
   cv::Mat output;
   try {
-    impl_->net.setInput(input);
-    output = impl_->net.forward(layer_);
+    output = impl_->backend->run(input);
   } catch (const std::exception& exception) {
-    throw Error("OpenCV cannot run it on a picture of " + std::to_string(width_) + " x " + std::to_string(height_) +
-                    " up to layer '" + layer_ + "': " + reason_of(exception),
+    throw Error(onnx_library() + " cannot run it on a picture of " + std::to_string(width_) + " x " +
+                    std::to_string(height_) + " up to layer '" + layer_ + "': " + exception.what(),
                 path_, "is that the size it was made for? docs/how-to/use-an-onnx-encoder.md says how to export");
   }
-  if (output.type() != CV_32F || output.dims < 2 || output.size[0] != 1 || output.total() == 0 ||
-      !output.isContinuous())
-    throw Error("layer '" + layer_ + "' does not give one row of 32-bit floats a picture", path_,
+  if (output.type() != CV_32F || output.dims < 2 || output.size[0] != input.size[0] || output.total() == 0 ||
+      (numbers_ > 0 && output.total() != numbers_ * output.size[0]) || !output.isContinuous())
+    throw Error("layer '" + layer_ + "' does not give one row of 32-bit floats a picture, of one length", path_,
                 "name another with --layer");
   return output;
 }
 
-cv::Mat OnnxNetwork::forward(const cv::Mat& picture) {
-  cv::Mat output = run(prepare(picture));
-  const float* numbers = output.ptr<float>();
-  if (!std::all_of(numbers, numbers + output.total(), [](float number) { return std::isfinite(number); }))
-    throw Error("layer '" + layer_ + "' gives numbers that are not finite", path_,
-                "check scale, mean and deviation, or name another with --layer");
-  return output;
+void OnnxNetwork::forward(std::span<const cv::Mat> pictures,
+                          const std::function<void(std::size_t, std::span<const float>)>& take) {
+  const auto step = static_cast<std::size_t>(batch_);
+  for (std::size_t first = 0; first < pictures.size(); first += step) {
+    const std::size_t count = std::min(step, pictures.size() - first);
+    const cv::Mat output = run(prepare(pictures.subspan(first, count)));
+    const std::span numbers(output.ptr<float>(), count * numbers_);
+    if (!std::all_of(numbers.begin(), numbers.end(), [](float number) { return std::isfinite(number); }))
+      throw Error("layer '" + layer_ + "' gives numbers that are not finite", path_,
+                  "check scale, mean and deviation, or name another with --layer");
+    for (std::size_t i = 0; i < count; ++i) take(first + i, numbers.subspan(i * numbers_, numbers_));
+  }
 }
 
 std::string OnnxNetwork::description() const {
   return hash_ + " layer=" + layer_ + " " + std::to_string(width_) + "x" + std::to_string(height_) +
          (rgb_ ? " rgb" : " bgr") + " scale=" + shortest(scale_) + " mean=" + shortest(mean_) +
-         " deviation=" + shortest(deviation_);
+         " deviation=" + shortest(deviation_) + (onnx_library() == "OpenCV 4.6.0" ? "" : " by " + onnx_library());
 }
 
 }  // namespace citylearn

@@ -209,7 +209,7 @@ class OnnxChecker {
   bool resizes_wrongly(const NodeProto& node) const {
     const int place = opset_ < 11 ? 1 : 2;
     const auto scales = constants_.find(place < node.input_size() ? node.input(place) : "");
-    const auto& own = attribute_of(node, "scales").floats();  // of Upsample before opset 9
+    const auto own = attribute_of(node, "scales").floats();  // of Upsample before opset 9
     std::vector<float> factors(own.begin(), own.end());
     if (scales != constants_.end()) {
       const auto& numbers = scales->second->float_data();
