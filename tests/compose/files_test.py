@@ -99,6 +99,20 @@ class ComposeFiles(unittest.TestCase):
                 own = re.search(r"--id ([^\s']+)", service["command"])
                 self.assertEqual(asked[1] if asked else "dashboard", own[1] if own else name, where)
 
+    def test_memory_is_limited_alike_everywhere(self):
+        """As the units say: MemoryMax."""
+        limits = {re.match(r"citylearn-(\w+)", unit.name)[1]: re.search(r"^MemoryMax=(\d+G)$", unit.read_text(), re.MULTILINE)[1]
+                  for unit in UNITS}
+        for path in FILES:
+            for name, service in services(path):
+                kind = name.partition("-")[0].replace("learner", "policy")
+                self.assertEqual(service["deploy"]["resources"]["limits"]["memory"].upper(), limits[kind], f"{path.name}: {name}")
+        for path in (COMPOSE / "kubernetes").rglob("*.yaml"):
+            for each in yaml.safe_load_all(path.read_text()):
+                for container in each.get("spec", {}).get("template", {}).get("spec", {}).get("containers", []):
+                    if "resources" in container:
+                        self.assertEqual(container["resources"]["limits"]["memory"], limits[container["name"]] + "i", path)
+
     def test_peers_are_the_services_of_the_file(self):
         for path in FILES:
             for name, service in services(path):
