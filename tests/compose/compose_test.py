@@ -3,6 +3,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import tempfile
 import unittest
@@ -22,6 +23,26 @@ class SingleNode(unittest.TestCase):
             self.assertIn("<!doctype html>", page.lower())
             project.kill("env-train")
             project.finish(self)
+
+    def test_services_at_their_memory_limit_come_back_and_nothing_is_lost(self):
+        def train(disturb):
+            options = "--lockstep --steps 1000000 --tasks 50 --checkpoint-every 20"
+            with Project("single-node.yaml", POLICY_OPTIONS=options) as project:
+                text = re.sub(r"memory: \dg", "memory: 300m", project.file.read_text())
+                text = text.replace("environment: &wire\n", "environment: &wire\n    LD_PRELOAD: /leak.so\n")
+                project.file.write_text(text.replace("volumes: [", f'volumes: ["{support.MEMORY_LEAK}:/leak.so:ro", '))
+                project.up()
+                checkpoints = project.volume("runs") / "trial/checkpoints"
+                wait_for("a checkpoint", 60, lambda: any(checkpoints.glob("*.clk")), project.report)
+                for service in ("policy", "env-train", "encoder", "dashboard") if disturb else ():
+                    project.kill(service, by=signal.SIGUSR2)
+                wait_for("it has trained", 200, lambda: project.inspect("policy", ".State.Status") == "exited", project.report)
+                self.assertEqual(project.inspect("policy", ".State.ExitCode"), "0", project.report())
+                if disturb:
+                    self.assertIn("resuming after update", project.log("policy"))
+                return support.newest_checkpoint(project.volume("runs") / "trial")
+
+        self.assertEqual(train(True), train(False))
 
 
 class ScaleOut(unittest.TestCase):

@@ -25,6 +25,7 @@ BASE = "docker.io/library/debian:bookworm"
 OWN = f"citylearn-test-{os.getpid()}"  # begins every name: several tests do not meet
 TAG = f"test-{zlib.crc32(bytes(PREFIX)):x}"  # of images; two builds do not share them
 SERVICES, DASHBOARD = f"localhost/citylearn-dds:{TAG}", f"localhost/citylearn-dashboard:{TAG}"
+MEMORY_LEAK = os.environ.get("CITYLEARN_MEMORY_LEAK", "")  # preloaded into a service, it makes it exceed its limit at SIGUSR2
 
 
 def call(*words, check=True, **options):
@@ -190,10 +191,10 @@ class Project:
             list(pool.map(expect_healthy, self.all_of("ps")))
         wait_for("a checkpoint", seconds, lambda: any((self.volume("runs") / "trial/checkpoints").glob("*.clk")), self.report)
 
-    def kill(self, service, number=1):
-        """-9, and the engine starts it again."""
+    def kill(self, service, number=1, by=signal.SIGKILL):
+        """Ends it, and the engine starts it again."""
         before = int(self.inspect(service, ".State.Pid", number))
-        os.kill(before, signal.SIGKILL)
+        os.kill(before, by)
         wait_for(f"{service} runs again", 30, lambda: int(self.inspect(service, ".State.Pid", number) or 0) not in (0, before), self.report)
 
     def finish(self, test, learner="policy", seconds=120):
@@ -216,6 +217,12 @@ class Project:
         self.compose("down", "-v", "-t", "10")
         test.assertEqual(self.all_of("ps") + self.all_of("volume ls"), [])
         podman("network", "rm", *self.all_of("network ls"))  # podman-compose 1.0.3 leaves it
+
+
+def newest_checkpoint(folder):
+    """Its name and bytes."""
+    newest = max((folder / "checkpoints").glob("checkpoint-*.clk"))
+    return newest.name, newest.read_bytes()
 
 
 UNITS = ("citylearn-dashboard", "citylearn-encoder", "citylearn-env@summer", "citylearn-env@fall", "citylearn-policy@first")
