@@ -279,12 +279,27 @@ Network resolve(const MiddlewareOptions& options) {
   return network;
 }
 
+/// The middlewares that this program was built with; those that have a wire with what starts them.
+struct Known {
+  const char *name, *help;
+  std::unique_ptr<Middleware> (*create)(const Network& network);
+};
+constexpr Known kKnown[] = {
+#ifdef CITYLEARN_CYCLONEDDS  // its release
+    {"cyclonedds", "Eclipse Cyclone DDS " CITYLEARN_CYCLONEDDS " over UDP", internal::create_cyclonedds},
+#endif
+#ifdef CITYLEARN_FASTDDS
+    {"fastdds", "eProsima Fast DDS " CITYLEARN_FASTDDS " over UDP", internal::create_fastdds},
+#endif
+    {"inprocess", "within this process, without a network; for tests and for runs in one process", nullptr},
+};
+
 }  // namespace
 
 std::vector<std::pair<std::string, std::string>> list_middlewares() {
-  return {{"cyclonedds", "Eclipse Cyclone DDS over UDP"},
-          {"fastdds", "eProsima Fast DDS over UDP"},
-          {"inprocess", "within this process, without a network; for tests and for runs in one process"}};
+  std::vector<std::pair<std::string, std::string>> all;
+  for (const Known& each : kKnown) all.emplace_back(each.name, each.help);
+  return all;
 }
 
 std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) {
@@ -307,8 +322,8 @@ std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) 
     throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
   if (name == "inprocess") return internal::create_inprocess(options.domain, options.participant);
   const internal::ForeignVariables ignored(options.multicast);
-  if (name == "fastdds") return internal::create_fastdds(resolve(options));
-  if (name == "cyclonedds") return internal::create_cyclonedds(resolve(options));
+  for (const Known& each : kKnown)
+    if (each.create && name == each.name) return each.create(resolve(options));
   const std::string known = joined(list_middlewares(), &std::pair<std::string, std::string>::first);
   throw Error("unknown middleware '" + name + "'", "middleware", "known: " + known + ", and lossy:NAME");
 }

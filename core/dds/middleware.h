@@ -73,9 +73,13 @@ class Middleware {
   virtual std::string name() const = 0;
 };
 
+/// Returns the names accepted by create_middleware, decorators excluded, each with a line of help: those that this
+/// program was built with, cyclonedds first, inprocess last.
+std::vector<std::pair<std::string, std::string>> list_middlewares();
+
 struct MiddlewareOptions {
-  std::string name = "cyclonedds";               ///< an unknown or failing one is an Error; no other one replaces it
-  std::uint32_t domain = 0;                      ///< 0..232
+  std::string name = list_middlewares().front().first;  ///< an unknown or failing one is an Error, and not replaced
+  std::uint32_t domain = 0;                             ///< 0..232
   std::vector<std::string> interfaces = {"lo"};  ///< the only ones used, by name or IPv4 address; "lo": this machine
   bool multicast = false;          ///< uses the interfaces that the vendor chooses instead, and finds others by
                                    ///< multicast, as ROS 2 does by default
@@ -90,8 +94,5 @@ struct MiddlewareOptions {
 /// Throws Error (naming the known ones) for an unknown name, a domain outside 0..232, an unknown interface, or a vendor
 /// that cannot start.
 std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options);
-
-/// Returns the names accepted by create_middleware, decorators excluded, each with a line of help.
-std::vector<std::pair<std::string, std::string>> list_middlewares();
 
 }  // namespace citylearn

@@ -13,8 +13,8 @@ struct Variable {
   const char* meanwhile = nullptr;  // its value while a vendor starts; by default it has none
 };
 
-const char* const kServers = "ROS_DISCOVERY_SERVER";
-const char* const kNoProfiles = "ignored; profiles of Fast DDS do not apply";
+constexpr const char* kServers = "ROS_DISCOVERY_SERVER";
+constexpr const char* kNoProfiles = "ignored; profiles of Fast DDS do not apply";
 
 // Those that Fast DDS 2.9 to 3.2, Cyclone DDS 0.10 and ROS 2 know. Fast DDS remembers its servers within a process, and
 // forgets them when the variable is empty.

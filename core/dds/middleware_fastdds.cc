@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
-#include <fastrtps/utils/IPLocator.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cstdlib>
-#include <cstring>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/log/Log.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
@@ -18,11 +14,12 @@
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
-#include <fastdds/dds/topic/TopicDataType.hpp>
 #include <fastdds/dds/topic/TypeSupport.hpp>
-#include <sstream>
 
+#include "core/dds/middleware_fastdds_api.h"
+#include "core/dds/middleware_fastdds_listener.h"
 #include "core/dds/middleware_fastdds_transport.h"
+#include "core/dds/middleware_fastdds_type.h"
 #include "core/dds/middleware_internal.h"
 #include "core/dds/security.h"
 #include "core/dds/wakeup.h"
@@ -31,10 +28,11 @@
 namespace citylearn::internal {
 namespace {
 
-namespace dds = eprosima::fastdds::dds;
-namespace rtps = eprosima::fastrtps::rtps;
-using eprosima::fastrtps::Duration_t;
-using eprosima::fastrtps::types::ReturnCode_t;
+namespace dds = fast::dds;
+namespace rtps = fast::rtps;
+using fast::Duration;
+using fast::Raw;
+using fast::RawType;
 
 constexpr std::uint32_t kSocketBuffer = 4 << 20;
 constexpr int kHandshake = 16384;    // bytes; twice what a service's certificate and permissions take
@@ -53,44 +51,6 @@ constexpr std::uint32_t kHeartbeatToAll = 20'000'000;
 // Fast announces a new participant before it reads what others answer. An answer that comes at once is lost, and the
 // next one would come with the period of announcements. So each one is given twice.
 constexpr std::chrono::milliseconds kAnswerInterval{10};
-
-/// Sample for Fast: bytes to be written, or where to put bytes read.
-struct Raw {
-  std::span<const std::byte> out;
-  Bytes* in = nullptr;
-};
-
-/// Moves bytes that are CDR already.
-class RawType : public dds::TopicDataType {
- public:
-  explicit RawType(const Topic& topic) {
-    setName(topic.type.c_str());
-    m_typeSize = size_of(topic);
-    auto_fill_type_object(false);
-    auto_fill_type_information(false);
-  }
-  /// Other vendors pad to multiples of 4.
-  static std::uint32_t size_of(const Topic& topic) { return static_cast<std::uint32_t>(topic.largest + 3); }
-  bool serialize(void* data, rtps::SerializedPayload_t* payload) override {
-    const Raw& raw = *static_cast<Raw*>(data);
-    if (raw.out.size() > payload->max_size) return false;
-    std::memcpy(payload->data, raw.out.data(), raw.out.size());
-    payload->length = static_cast<std::uint32_t>(raw.out.size());
-    payload->encapsulation = CDR_LE;
-    return true;
-  }
-  bool deserialize(rtps::SerializedPayload_t* payload, void* data) override {
-    const std::byte* begin = reinterpret_cast<const std::byte*>(payload->data);
-    static_cast<Raw*>(data)->in->assign(begin, begin + payload->length);
-    return true;
-  }
-  std::function<std::uint32_t()> getSerializedSizeProvider(void* data) override {
-    return [data] { return static_cast<std::uint32_t>(static_cast<Raw*>(data)->out.size()); };
-  }
-  void* createData() override { return new Raw; }
-  void deleteData(void* data) override { delete static_cast<Raw*>(data); }
-  bool getKey(void*, rtps::InstanceHandle_t*, bool) override { return false; }
-};
 
 /// Fast's own warnings and errors, into our log instead of onto standard output.
 class LogForwarder : public dds::LogConsumer {
@@ -118,73 +78,15 @@ void forward_log_once() {
   static_cast<void>(done);
 }
 
-template <class Guid>
-std::string text_of(const Guid& guid) {
-  std::ostringstream text;
-  text << guid;
-  return text.str();
-}
-
-/// Passes what Fast DDS discovers to the DiscoveryMonitor. Called by Fast's threads.
-class DiscoveryListener : public dds::DomainParticipantListener {
+/// Remembers when to announce this participant once more because another one was discovered.
+class DiscoveryListener : public FastListener {
  public:
-  explicit DiscoveryListener(DiscoveryMonitor& discovery) : discovery_(discovery) {}
-
-  /// Returns when to announce this participant once more because another one was discovered.
+  using FastListener::FastListener;
   Clock::time_point answer_at() const { return answer_at_; }
   void answered() { answer_at_ = Clock::time_point::max(); }
-
-  void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
-    const std::string key = text_of(info.info.m_guid.guidPrefix);
-    if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT) {
-      answer_at_ = Clock::now() + kAnswerInterval;
-      DiscoveryMonitor::Participant participant{
-          info.info.m_participantName.to_string(), vendor_name(info.info.m_VendorId[0], info.info.m_VendorId[1]), {}};
-      for (const auto* locators : {&info.info.metatraffic_locators, &info.info.default_locators})
-        for (const rtps::Locator_t& each : locators->unicast) {
-          if (each.kind != LOCATOR_KIND_UDPv4) continue;
-          const std::string address = rtps::IPLocator::toIPv4string(each);
-          auto& known = participant.addresses;
-          if (std::find(known.begin(), known.end(), address) == known.end()) known.push_back(address);
-        }
-      discovery_.participant_found(key, participant);
-    } else if (info.status != rtps::ParticipantDiscoveryInfo::CHANGED_QOS_PARTICIPANT) {
-      discovery_.participant_lost(key);
-    }
-  }
-  void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) override {
-    changed(info.info, true, info.status == info.DISCOVERED_WRITER, info.status == info.REMOVED_WRITER);
-  }
-  void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& info) override {
-    changed(info.info, false, info.status == info.DISCOVERED_READER, info.status == info.REMOVED_READER);
-  }
+  void participant_found() override { answer_at_ = Clock::now() + kAnswerInterval; }
 
  private:
-  template <class Info>
-  void changed(const Info& info, bool writes, bool found, bool lost) {
-    if (lost) discovery_.endpoint_lost(text_of(info.guid()));
-    if (found)
-      discovery_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
-                                info.topicName().to_string(), info.typeName().to_string(),
-                                qos_of(info.m_qos, info.topicKind() == rtps::WITH_KEY));
-  }
-  template <class Qos>
-  static EndpointQos qos_of(const Qos& from, bool keyed) {
-    const auto& encodings = from.representation.m_value;
-    // Kinds come over the wire as they are.
-    return {from.m_reliability.kind == dds::RELIABLE_RELIABILITY_QOS,
-            std::clamp(static_cast<int>(from.m_durability.kind), 0, 3),
-            from.m_ownership.kind == dds::EXCLUSIVE_OWNERSHIP_QOS,
-            std::clamp(static_cast<int>(from.m_liveliness.kind), 0, 2),
-            static_cast<double>(from.m_liveliness.lease_duration.to_ns()) / 1e9,
-            static_cast<double>(from.m_deadline.period.to_ns()) / 1e9,
-            from.m_partition.empty() ? "" : from.m_partition.begin()->name(),
-            encodings.empty() ||
-                std::find(encodings.begin(), encodings.end(), dds::XCDR_DATA_REPRESENTATION) != encodings.end(),
-            keyed};
-  }
-
-  DiscoveryMonitor& discovery_;
   std::atomic<Clock::time_point> answer_at_{Clock::time_point::max()};
 };
 
@@ -214,15 +116,11 @@ class FastPublisher : public Publisher {
       : publisher_(publisher), topic_(topic), dds_topic_(std::move(dds_topic)) {
     const int depth = depth_of(topic.profile).writer;
     auto qos = reliable_qos<dds::DataWriterQos>(topic.profile, depth);
-    qos.reliability().max_blocking_time = Duration_t(0, std::chrono::nanoseconds(kBlocking).count());
+    qos.reliability().max_blocking_time = Duration(0, std::chrono::nanoseconds(kBlocking).count());
     qos.durability_service().history_kind = dds::KEEP_LAST_HISTORY_QOS;
     qos.durability_service().history_depth = depth;
     qos.publish_mode().kind = dds::SYNCHRONOUS_PUBLISH_MODE;
-    // The defaults (3 s heartbeats, 5 ms answers) make each lost packet cost that much.
-    qos.reliable_writer_qos().times.initialHeartbeatDelay = Duration_t(0, 0u);
-    qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, heartbeat);
-    qos.reliable_writer_qos().times.nackResponseDelay = Duration_t(0, 0u);
-    qos.reliable_writer_qos().times.nackSupressionDuration = Duration_t(0, 0u);
+    fast::repair_at_once(qos, heartbeat);
     // A full history, as it always is after a while, would make Fast add a heartbeat to each sample, which wakes a
     // thread on either side to send and to take an acknowledgement: a third of the round trip. The period above is
     // enough.
@@ -242,9 +140,9 @@ class FastPublisher : public Publisher {
     check_size(topic_, sample.size());
     Raw raw{sample};
     // A time-out is a lost sample like any other: the application sends again what is not answered.
-    const ReturnCode_t code = writer_->write(&raw, rtps::InstanceHandle_t());
-    if (code != ReturnCode_t::RETCODE_OK && code != ReturnCode_t::RETCODE_TIMEOUT)
-      throw Error("fastdds cannot write (code " + std::to_string(code()) + ")", "topic " + topic_.name);
+    const fast::ReturnCode code = writer_->write(&raw, rtps::InstanceHandle_t());
+    if (!fast::is_ok(code) && !fast::is_timeout(code))
+      throw Error("fastdds cannot write (code " + std::to_string(fast::number_of(code)) + ")", "topic " + topic_.name);
   }
   int matched() const override {
     dds::PublicationMatchedStatus status;
@@ -253,7 +151,7 @@ class FastPublisher : public Publisher {
   }
   void wait_for_acknowledgments(Clock::time_point deadline) override {
     const auto left = std::chrono::duration_cast<std::chrono::nanoseconds>(deadline - Clock::now()).count();
-    if (left > 0) writer_->wait_for_acknowledgments(Duration_t(static_cast<long double>(left) * 1e-9L));
+    if (left > 0) writer_->wait_for_acknowledgments(Duration(static_cast<long double>(left) * 1e-9L));
   }
 
  private:
@@ -269,8 +167,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
       : subscriber_(subscriber), flag_(wakeup), dds_topic_(std::move(dds_topic)) {
     auto qos = reliable_qos<dds::DataReaderQos>(topic.profile, depth_of(topic.profile).reader);
     if (topic.profile == Profile::kRos2) qos.reliability().kind = dds::BEST_EFFORT_RELIABILITY_QOS;
-    qos.reliable_reader_qos().times.initialAcknackDelay = Duration_t(0, 0u);
-    qos.reliable_reader_qos().times.heartbeatResponseDelay = Duration_t(0, 0u);
+    fast::repair_at_once(qos);
     reader_ = subscriber_->create_datareader(dds_topic_.get(), qos, this, dds::StatusMask::data_available());
     if (!reader_) throw Error("fastdds cannot create a reader", "topic " + topic.name);
   }
@@ -284,7 +181,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
     flag_.lower();
     Raw raw{{}, &sample};
     dds::SampleInfo info;
-    while (reader_->take_next_sample(&raw, &info) == ReturnCode_t::RETCODE_OK) {
+    while (fast::is_ok(reader_->take_next_sample(&raw, &info))) {
       if (!info.valid_data) continue;
       flag_.raise_quietly();  // there may be more
       return true;
@@ -315,6 +212,7 @@ rtps::Locator_t locator(const std::string& address, int port) {
 /// Finds other participants by servers instead of announcements, as a client that hears of all of them, so that it
 /// reports wrong types too.
 void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& discovery) {
+#if CITYLEARN_FASTDDS_RELEASE == 2
   discovery.discoveryProtocol = rtps::DiscoveryProtocol_t::SUPER_CLIENT;
   for (const Network::Peer& server : servers) {
     rtps::RemoteServerAttributes attributes;
@@ -324,6 +222,11 @@ void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& di
                                                attributes.guidPrefix);
     discovery.m_DiscoveryServers.push_back(attributes);
   }
+#else
+  discovery.discoveryProtocol = rtps::DiscoveryProtocol::SUPER_CLIENT;
+  for (const Network::Peer& server : servers)
+    discovery.m_DiscoveryServers.push_back(locator(server.address, server.port));
+#endif
 }
 
 /// Takes the first free ports of this host's addresses.
@@ -343,7 +246,7 @@ class FastMiddleware : public Middleware {
     forward_log_once();
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
-    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+    auto udp = std::make_shared<fast::transport::UDPv4TransportDescriptor>();
     if (!network.multicast) udp->interfaceWhiteList = network.addresses;
     udp->maxInitialPeersRange = kParticipants;
     udp->sendBufferSize = kSocketBuffer;
@@ -372,11 +275,13 @@ class FastMiddleware : public Middleware {
     else
       join(network.discovery_servers, wire.builtin.discovery_config);
     expect_peers(network, discovery_);
-    wire.builtin.discovery_config.leaseDuration = Duration_t(10, 0u);
+    wire.builtin.discovery_config.leaseDuration = Duration(10, 0u);
     // Two participants that start at once may miss each other's first announcement; then this is how long they wait.
-    wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
+    wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration(1, 0u);
+#if CITYLEARN_FASTDDS_RELEASE == 2
     wire.builtin.typelookup_config.use_client = false;
     wire.builtin.typelookup_config.use_server = false;
+#endif
     if (!network.security.empty()) {
       for (const auto& [name, value] : fastdds_security(network.security))
         qos.properties().properties().emplace_back(name, value);
@@ -432,11 +337,10 @@ class FastMiddleware : public Middleware {
     discovery_.register_local_topic(topic, writes);
     if (TopicOwner known = topics_[topic.name].lock()) return known;  // Fast refuses a second topic of one name
     // One type may serve several topics; Fast keeps one description of it.
-    dds::TypeSupport type = participant_->find_type(topic.type);
-    if (type.empty())
-      participant_->register_type(dds::TypeSupport(new RawType(topic)));
+    if (const dds::TypeSupport type = participant_->find_type(topic.type); !type.empty())
+      static_cast<RawType&>(*type).make_room(topic.largest);
     else
-      type->m_typeSize = std::max(type->m_typeSize, RawType::size_of(topic));
+      participant_->register_type(dds::TypeSupport(new RawType(topic.type, topic.largest)));
     dds::Topic* const made = participant_->create_topic(topic.name, topic.type, dds::TOPIC_QOS_DEFAULT);
     if (!made) {
       topics_.erase(topic.name);

@@ -18,7 +18,8 @@ constexpr std::size_t kMaxSampleBytes = kMaxImageBytes + 4096;  // a picture, an
 
 MiddlewareOptions ros2_defaults() {
   MiddlewareOptions ros;
-  ros.name = "fastdds";
+  for (const auto& [name, help] : list_middlewares())
+    if (name == "fastdds") ros.name = name;
   ros.interfaces = {kAll};
   return ros;
 }

@@ -4,7 +4,7 @@
 # Left out are those all of whose accesses (races) or locks (potential deadlocks) are made by one of these libraries.
 # They are not instrumented: of what keeps their threads apart only calls of the C library are seen. Where our code makes
 # one of them, the report counts.
-BEGIN { foreign = "\\((libddsc|libdds_security_[a-z]+|libcrypto|libfastrtps|libgdal|libopencv_dnn|libopencv_core|libavcodec|libavutil)\\.so" }
+BEGIN { foreign = "\\((libddsc|libdds_security_[a-z]+|libcrypto|libfastrtps|libfastdds|libgdal|libopencv_dnn|libopencv_core|libavcodec|libavutil)\\.so" }
 
 # The report read so far, if it counts.
 function tell() { if (text != "" && !(made > 1 && elsewhere == made)) printf "%s", text }

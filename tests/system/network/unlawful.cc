@@ -65,7 +65,11 @@ extern "C" int gettimeofday(timeval* out, void* zone) noexcept {
 // --- Fast DDS: stands before the library's own methods
 // -----------------------------------------------------------------------------------------------------
 
-namespace eprosima::fastrtps::rtps::security {
+#if __has_include(<fastrtps/utils/IPLocator.h>)
+namespace eprosima::fastrtps::rtps::security {  // of release 2
+#else
+namespace eprosima::fastdds::rtps::security {
+#endif
 
 class Handle;
 class SecurityException;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <gtest/gtest.h>
 
 #include "core/dds/middleware_fastdds_transport.h"
@@ -7,11 +6,11 @@
 namespace citylearn::internal {
 namespace {
 
-namespace rtps = eprosima::fastdds::rtps;
+namespace rtps = fast::transport;
 
 rtps::Locator at(const std::string& address, std::uint32_t port) {
   rtps::Locator locator;
-  eprosima::fastrtps::rtps::IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, port, locator);
+  fast::rtps::IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, port, locator);
   return locator;
 }
 
