@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what core/wire must know about the messages of idl/: generate.py FOLDER FILE.idl ...
+"""Writes the C++ types of the messages of idl/ and what core/wire must know about them: generate.py FOLDER FILE.idl ...
 
-fastddsgen makes structs with CDR functions, but knows no bounds, no topics and no relations between fields. This program
-reads the same files and writes FOLDER/idl/forward.h (declares each type, for light headers) and
-FOLDER/idl/message_fields.h (each type's fields, bounds and checks, and the list of topics).
+Writes FOLDER/idl/NAME.h for each file (its types), FOLDER/idl/forward.h (declares each type, for light headers) and
+FOLDER/idl/message_fields.h (each type's fields in the order of the wire, bounds and checks, and the list of topics).
 
 It reads one declaration a line, and annotations that begin a comment, so that IDL compilers skip them:
   //@topic(PROFILE)    above a struct: it is a message, sent on topics of its own with this QoS profile. Behind it may stand
@@ -24,9 +23,11 @@ import os
 import re
 import sys
 
+from classes import NUMBERS as CPP, SIZES, class_of
+
 PROFILES = ("state", "command", "durable")
 ROLES = {"request": "command", "chunk": "durable"}  # of objects, with their profiles
-NUMBERS = ("octet|boolean|short|unsigned short|long|unsigned long|long long|unsigned long long|float|double")
+NUMBERS = "|".join(CPP)
 
 
 class Struct:
@@ -53,7 +54,7 @@ class Idl:
     """The structs, enums and constants of the files read so far."""
 
     def __init__(self):
-        self.structs, self.enums, self.constants, self.files = {}, {}, set(), []
+        self.structs, self.enums, self.constants, self.files = {}, {}, {}, {}  # files: lines of C++ by path
 
     def read(self, path):
         """Reads a file after those that it includes."""
@@ -61,9 +62,10 @@ class Idl:
             return
         with open(path, encoding="utf-8") as file:
             text = file.read()
-        for name in re.findall(r'^#include "(.*)"', text, re.M):
+        includes = re.findall(r'^#include "(.*)"', text, re.M)
+        for name in includes:
             self.read(os.path.join(os.path.dirname(path), name))
-        self.files.append(path)
+        self.lines = self.files[path] = [*map(header_of, includes), "namespace citylearn::msg {"]
         # An enum may take several lines: they become its first one.
         text = re.sub(r"enum[^}]*}", lambda enum: re.sub(r"//.*|\n", "", enum[0]) + "\n" * enum[0].count("\n"), text)
         self.open, self.profile, self.addressing = None, None, ("", "")
@@ -89,13 +91,16 @@ class Idl:
             note, argument = self.open.addressing
             if note == "to" and self.open.fields.get(argument) != "string<64>":
                 raise ValueError(f"{self.open.name} has no string<64> '{argument}'")
+            self.lines += class_of(self.open.name, {name: self.cpp(type_) for name, type_ in self.open.fields.items()})
             self.open = None
         elif self.open and code:
             self.read_field(code, notes, comment[len(head):].strip())
-        elif found := re.fullmatch(r"const .* (\w+) = .*;", code):
-            self.constants.add(found[1])
+        elif found := re.fullmatch(rf"const ({NUMBERS}) (\w+) = (.*);", code):
+            self.constants[found[2]] = int(found[3], 0)
+            self.lines.append(f"inline constexpr {CPP[found[1]]} {found[2]} = {found[3]};")
         elif found := re.match(r"enum (\w+) \{.*\b(\w+)\s*\}", code):
             self.enums[found[1]] = found[2]
+            self.lines.append(" ".join(code.replace("{", ": std::uint32_t {", 1).rstrip(";").split()) + ";")
         elif notes:
             role, profile = notes[0]
             if (role, profile) not in ([("topic", name) for name in PROFILES] + [(name, "") for name in (*ROLES, "object")]):
@@ -137,6 +142,30 @@ class Idl:
             else:
                 raise ValueError(f"unknown annotation, or one that does not fit '{code}': //@{note}")
 
+    def cpp(self, type_):
+        """Returns the C++ type of a field, and whether it is a number or an enum."""
+        if found := re.fullmatch(r"string<(\d+)>", type_):
+            return f"FixedString<{found[1]}>", False
+        if found := re.fullmatch(r"sequence<(.*), \w+>", type_):
+            return f"std::vector<{CPP[found[1]]}>", False
+        return CPP.get(type_, "std::uint32_t" if type_ == "protocol" else type_), type_ not in self.structs
+
+    def end(self, struct, at=0):
+        """Returns where the largest struct ends in CDR when it begins `at` bytes behind the encapsulation."""
+        def numbers(count, size):
+            return at + -at % size + count * size
+        for type_ in struct.fields.values():
+            if type_ in self.structs:
+                at = self.end(self.structs[type_], at)
+            else:
+                text, sequence = re.fullmatch(r"string<(\d+)>", type_), re.fullmatch(r"sequence<(.*), (\w+)>", type_)
+                at = numbers(1, 4 if text or sequence else SIZES.get(type_, 4))
+                if text:
+                    at += int(text[1]) + 1
+                elif sequence:
+                    at = numbers(self.constants[sequence[2]], SIZES[sequence[1]])
+        return at
+
     def checks(self, struct):
         """Its own checks, and those of the structs in it."""
         for name, type_ in struct.fields.items():
@@ -155,6 +184,10 @@ class Idl:
             else:
                 bound = re.search(r"sequence<.*, (\w+)>", type_)
                 yield f'visitor("{name}", m.{name}(){", " + bound[1] if bound else ""});'
+
+
+def header_of(idl_file):
+    return f'#include "idl/{os.path.basename(idl_file)[:-4]}.h"'
 
 
 def write(path, *lines):
@@ -187,10 +220,13 @@ def main(folder, *paths):
         if struct.profile not in (None, "object"):
             functions += [f"inline std::string receiver_of([[maybe_unused]] const {struct.name}& m) {{",
                           f"  return {struct.receiver()};", "}"]
-        functions += [f'constexpr const char* type_of(const {struct.name}*) {{ return "citylearn::msg::{struct.name}"; }}']
-    files = [f'#include "idl/{os.path.basename(path)[:-4]}.h"' for path in idl.files]
+        functions += [f'constexpr const char* type_of(const {struct.name}*) {{ return "citylearn::msg::{struct.name}"; }}',
+                      f"constexpr std::size_t max_size_of(const {struct.name}*) {{ return {idl.end(struct)}; }}"]
+    for path, lines in idl.files.items():
+        write(f"{folder}/idl/{os.path.basename(path)[:-4]}.h", "#include <cstdint>", "#include <utility>", "#include <vector>",
+              '#include "core/util/fixed_string.h"', *lines, "}")
     classes = [f"class {name} : public {role.name} {{}};" for name, role in kinds]
-    write(f"{folder}/idl/objects.h", *files, "namespace citylearn::msg {", *classes, "}")
+    write(f"{folder}/idl/objects.h", *map(header_of, idl.files), "namespace citylearn::msg {", *classes, "}")
     write(f"{folder}/idl/message_fields.h", "#include <concepts>", "#include <string>", "#include <type_traits>",
           '#include "idl/objects.h"', "namespace citylearn::msg {", *functions, "}",
           "#define CITYLEARN_OBJECTS(X) \\", *(f"  X({kind.name}) \\" for kind in objects), "",

@@ -1,58 +1,48 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/recording/wire_header.h"
 
-#include <algorithm>
-#include <cstring>
+#include "core/wire/cdr.h"
 
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kEncapsulation = 4;  // alignment counts from behind it
 constexpr std::size_t kMaxNameBytes = 64;  // characters of a name
 
-/// Goes over the fields of a Header in CDR of either byte order.
-class Walk {
- public:
-  explicit Walk(std::span<const std::byte> message) : bytes_(message) {
-    const auto at = [&](std::size_t i) { return i < message.size() ? std::to_integer<int>(message[i]) : -1; };
-    good_ = at(0) == 0 && (at(1) == 0 || at(1) == 1) && message.size() >= kEncapsulation;  // CDR_BE, CDR_LE
-    little_ = at(1) == 1;
-  }
-  template <class Number>
-  Number number() {
-    align(sizeof(Number));
-    Number value = 0;
-    if (!has(sizeof value)) return value;
-    for (std::size_t i = 0; i < sizeof value; ++i) {
-      const std::size_t place = little_ ? sizeof value - 1 - i : i;
-      value = static_cast<Number>(value << 8 | std::to_integer<Number>(bytes_[at_ + place]));
-    }
-    at_ += sizeof value;
-    return value;
-  }
-  std::string text() {
-    const auto length = number<std::uint32_t>();  // with the NUL at its end
-    if (length == 0 || length > kMaxNameBytes + 1) good_ = false;
-    if (!has(length)) return {};
-    std::string value(reinterpret_cast<const char*>(bytes_.data()) + at_, length - 1);
-    at_ += length;
-    return value;
-  }
-  void align(std::size_t size) { at_ += (size - (at_ - kEncapsulation) % size) % size; }
-  bool good() const { return good_; }
-  bool little() const { return little_; }
-  std::size_t at() const { return at_; }
+std::string read_name(CdrReader& cdr) {
+  const std::uint32_t length = cdr.read_length();  // with the NUL at its end
+  if (length == 0 || length > kMaxNameBytes + 1) throw CdrError{"not a name"};
+  std::string name(length, 0);
+  cdr.read(name.data(), length);
+  name.pop_back();
+  return name;
+}
 
- private:
-  bool has(std::size_t size) { return good_ = good_ && at_ <= bytes_.size() && size <= bytes_.size() - at_; }
-
-  std::span<const std::byte> bytes_;
-  std::size_t at_ = kEncapsulation;
-  bool good_ = false, little_ = true;
+/// A header and the places of two of its fields.
+struct Found {
+  WireHeader header;
+  std::size_t session = 0, incarnation = 0;
 };
 
+/// Reads the fields of a Header in CDR of either byte order.
+std::optional<Found> find_header(std::span<const std::byte> message) try {
+  CdrReader cdr(message);
+  Found found;
+  found.header.protocol = cdr.read_length();
+  found.session = message.size() - cdr.left();
+  found.header.session = read_name(cdr);
+  found.header.sender = read_name(cdr);
+  cdr.read(&found.header.incarnation, 1);
+  found.incarnation = message.size() - cdr.left() - sizeof found.header.incarnation;
+  cdr.read(&found.header.message, 1);
+  return found;
+} catch (const CdrError&) {
+  return std::nullopt;
+}
+
+void pad(Bytes& to, std::size_t size) { to.resize(to.size() + cdr_padding(to.size() - kEncapsulation, size)); }
+
 void append(Bytes& to, const std::string& name, bool little) {
-  to.resize(kEncapsulation + (to.size() - kEncapsulation + 3) / 4 * 4);
+  pad(to, sizeof(std::uint32_t));
   const auto length = static_cast<std::uint32_t>(name.size() + 1);
   for (int i = 0; i < 4; ++i) to.push_back(static_cast<std::byte>(length >> 8 * (little ? i : 3 - i)));
   const auto* text = reinterpret_cast<const std::byte*>(name.c_str());
@@ -62,34 +52,20 @@ void append(Bytes& to, const std::string& name, bool little) {
 }  // namespace
 
 std::optional<WireHeader> header_of(std::span<const std::byte> message) {
-  Walk walk(message);
-  WireHeader header;
-  header.protocol = walk.number<std::uint32_t>();
-  header.session = walk.text();
-  header.sender = walk.text();
-  header.incarnation = walk.number<std::uint64_t>();
-  header.message = walk.number<std::uint64_t>();
-  if (!walk.good()) return std::nullopt;
-  return header;
+  const auto found = find_header(message);
+  return found ? std::optional(found->header) : std::nullopt;
 }
 
 bool with_session(std::span<const std::byte> message, const std::string& session, Bytes& to) {
-  Walk walk(message);
-  walk.number<std::uint32_t>();
-  const std::size_t first = walk.at();
-  walk.text();
-  const std::string sender = walk.text();
+  const auto found = find_header(message);
+  if (!found || session.size() > kMaxNameBytes) return false;
+  const bool little = message[1] == std::byte{1};
+  to.assign(message.begin(), message.begin() + static_cast<std::ptrdiff_t>(found->session));
+  append(to, session, little);
+  append(to, found->header.sender, little);
   // The incarnation lies on a multiple of 8, the widest alignment there is, before and after: so does all behind it.
-  walk.align(sizeof(std::uint64_t));
-  const std::size_t rest = walk.at();
-  walk.number<std::uint64_t>();
-  walk.number<std::uint64_t>();
-  if (!walk.good() || session.size() > kMaxNameBytes) return false;
-  to.assign(message.begin(), message.begin() + static_cast<std::ptrdiff_t>(first));
-  append(to, session, walk.little());
-  append(to, sender, walk.little());
-  to.resize(kEncapsulation + (to.size() - kEncapsulation + 7) / 8 * 8);
-  to.insert(to.end(), message.begin() + static_cast<std::ptrdiff_t>(rest), message.end());
+  pad(to, sizeof(std::uint64_t));
+  to.insert(to.end(), message.begin() + static_cast<std::ptrdiff_t>(found->incarnation), message.end());
   return true;
 }
 

@@ -2,18 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes what this folder needs of msg/PACKAGE/TYPE.msg: generate.py FOLDER FILE.msg ...
 
-FOLDER/ros2.idl has all types under the names that ROS 2 gives them on DDS: sensor_msgs/msg/Image is
+FOLDER/ros2.h has all types under the names that ROS 2 gives them on DDS: sensor_msgs/msg/Image is
 sensor_msgs::msg::dds_::Image_ (create_type_name() of ROS 2's rmw_fastrtps and rmw_cyclonedds). FOLDER/ros2_types.inc
 has CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) for each type, where SCHEMA is its definition with all that it includes,
 as MCAP wants it (https://mcap.dev/spec/registry, ros2msg). FOLDER/ros2_fields.h has visit(), which names a message's
 fields in the order of the wire.
 
 msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as they are needed.
-int8 becomes octet: fastddsgen knows no signed one, and on the wire both are one byte.
+int8 becomes octet: older IDL knows no signed one, and on the wire both are one byte.
 """
 import re
 import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "idl"))
+from classes import NUMBERS as CPP, class_of  # noqa: E402
 
 NUMBERS = {"bool": "boolean", "int8": "octet", "uint8": "octet", "int16": "short", "uint16": "unsigned short",
            "int32": "long", "uint32": "unsigned long", "int64": "long long", "uint64": "unsigned long long",
@@ -48,19 +51,22 @@ class Type:
         parts = [f"{'=' * 80}\nMSG: {name}\n{types[name].text}" for name in self.includes(types)]
         return "".join([self.text] + parts)
 
-    def idl(self):
-        def member(kind, array, name):
-            spelled = NUMBERS.get(kind) or "{}::msg::dds_::{}_".format(*kind.split("/"))
-            if array == "[]":
-                return f"sequence<{spelled}> {name};"
-            return f"{spelled} {name}{array};"
-        body = " ".join(member(*field) for field in self.fields)
-        return f"module {self.package} {{ module msg {{ module dds_ {{ struct {self.name}_ {{ {body} }}; }}; }}; }};\n"
+    def cpp(self):
+        def member(kind, array):
+            number = NUMBERS.get(kind)
+            one = CPP.get(number) or ("std::string" if number else "{}::msg::dds_::{}_".format(*kind.split("/")))
+            if array:
+                return (f"std::vector<{one}>" if array == "[]" else f"std::array<{one}, {array[1:-1]}>"), False
+            return one, number in CPP
+        fields = {name: member(kind, array) for kind, array, name in self.fields}
+        return "\n".join([f"namespace {self.package}::msg::dds_ {{", *class_of(f"{self.name}_", fields), "}", ""])
 
     def visit(self):
-        fields = "".join(f" visitor(message.{name}());" for _, _, name in self.fields)
-        return (f"template <class Visitor>\nvoid visit({self.package}::msg::dds_::{self.name}_& message, "
-                f"Visitor& visitor) {{{fields} }}\n")
+        fields = "".join(f'\n  visitor{"" if kind in NUMBERS else ".nested"}("{name}", message.{name}());'
+                         for kind, _, name in self.fields)
+        return (f"template <class Message, class Visitor>\n"
+                f"  requires std::same_as<std::remove_const_t<Message>, {self.package}::msg::dds_::{self.name}_>\n"
+                f"void visit(Message& message, Visitor& visitor) {{{fields}\n}}\n")
 
 
 folder, files = Path(sys.argv[1]), sys.argv[2:]
@@ -68,9 +74,11 @@ types = {f"{one.package}/{one.name}": one for one in (Type(Path(file)) for file 
 order = []
 for name, one in sorted(types.items()):
     order += [each for each in one.includes(types) + [name] if each not in order]
-(folder / "ros2.idl").write_text("".join(types[name].idl() for name in order), encoding="utf-8")
+(folder / "ros2.h").write_text("#pragma once\n" + "".join(
+    f"#include <{name}>\n" for name in ("array", "cstdint", "string", "utility", "vector")) + "".join(
+        types[name].cpp() for name in order), encoding="utf-8")
 (folder / "ros2_types.inc").write_text("".join(
     f'CITYLEARN_ROS2_TYPE({types[name].package}, {types[name].name}, R"MSG({types[name].schema(types)})MSG")\n'
     for name in order), encoding="utf-8")
-(folder / "ros2_fields.h").write_text("#pragma once\n#include \"ros2/ros2.h\"\nnamespace citylearn {\n" + "".join(
+(folder / "ros2_fields.h").write_text("#pragma once\n#include <concepts>\n#include <type_traits>\n#include \"ros2/ros2.h\"\nnamespace citylearn {\n" + "".join(
     types[name].visit() for name in order) + "}  // namespace citylearn\n", encoding="utf-8")

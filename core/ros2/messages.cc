@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/ros2/messages.h"
 
-#include <fastcdr/exceptions/Exception.h>
-
 #include <array>
-#include <type_traits>
 #include <vector>
 
 #include "core/wire/cdr.h"
@@ -13,66 +10,59 @@
 namespace citylearn {
 namespace {
 
-/// Reads fields. fastcdr itself allocates whatever length the bytes claim, so lengths are checked first.
+/// Reads fields. Lengths are checked before anything is allocated.
 class Reader {
  public:
-  Reader(eprosima::fastcdr::Cdr& cdr, std::size_t size) : cdr_(cdr), size_(size) {}
+  explicit Reader(CdrReader& cdr) : cdr_(cdr) {}
 
-  template <class Field>
-  void operator()(Field& field) {
-    if constexpr (std::is_arithmetic_v<Field>)
-      cdr_ >> field;
-    else
-      visit(field, *this);
+  template <class Number>
+  void operator()(const char*, Number& number) {
+    cdr_.read(&number, 1);
   }
-  void operator()(std::string& text) {
-    const std::uint32_t length = read_length();  // with a zero at its end
-    text.resize(length);
-    if (length > 0) cdr_.deserializeArray(text.data(), length);
-    text.resize(length > 0 ? length - 1 : 0);
+  void operator()(const char*, std::string& text) {
+    text.resize(length_that_fits());  // with a zero at its end
+    cdr_.read(text.data(), text.size());
+    if (!text.empty()) text.pop_back();
   }
-  void operator()(std::vector<std::uint8_t>& octets) {
-    octets.resize(read_length());
-    if (!octets.empty()) cdr_.deserializeArray(octets.data(), octets.size());
+  void operator()(const char*, std::vector<std::uint8_t>& octets) {
+    octets.resize(length_that_fits());
+    cdr_.read(octets.data(), octets.size());
   }
   template <class Number, std::size_t N>
-  void operator()(std::array<Number, N>& numbers) {
-    cdr_.deserializeArray(numbers.data(), N);
+  void operator()(const char*, std::array<Number, N>& numbers) {
+    cdr_.read(numbers.data(), N);
+  }
+  template <class Message>
+  void nested(const char*, Message& message) {
+    visit(message, *this);
   }
 
  private:
-  std::uint32_t read_length() {
-    std::uint32_t length = 0;
-    cdr_ >> length;
-    if (length > size_ - cdr_.getSerializedDataLength())
-      throw eprosima::fastcdr::exception::NotEnoughMemoryException("a length beyond the message");
+  std::uint32_t length_that_fits() {
+    const std::uint32_t length = cdr_.read_length();
+    if (length > cdr_.left()) throw CdrError{"cut short"};
     return length;
   }
 
-  eprosima::fastcdr::Cdr& cdr_;
-  const std::size_t size_;
+  CdrReader& cdr_;
 };
 
 }  // namespace
 
 template <class Message>
 void encode_ros2(const Message& message, Bytes& bytes) {
-  write_cdr(message, bytes);
+  CdrWriter writer(bytes);
+  visit(message, writer);
 }
 
 template <class Message>
 bool decode_ros2(std::span<const std::byte> bytes, Message& message) {
-  // 0 and 1 are plain CDR; fastcdr also reads parameter lists, which no node of ROS 2 sends.
-  if (bytes.size() < kEncapsulation || bytes[0] != std::byte{0} || std::to_integer<int>(bytes[1]) > 1) return false;
-  char* const data = const_cast<char*>(reinterpret_cast<const char*>(bytes.data()));  // NOLINT: it is only read
-  eprosima::fastcdr::FastBuffer buffer(data, bytes.size());
-  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
-  Reader reader(cdr, bytes.size());
   try {
-    cdr.read_encapsulation();
-    reader(message);
+    CdrReader cdr(bytes);
+    Reader reader(cdr);
+    visit(message, reader);
     return true;
-  } catch (const eprosima::fastcdr::exception::Exception&) {
+  } catch (const CdrError&) {
     return false;
   }
 }

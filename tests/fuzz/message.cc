@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fastcdr/Cdr.h>
-
 #include <algorithm>
 #include <cstdlib>
 
 #include "core/recording/wire_header.h"
 #include "core/wire/messages.h"
 #include "tests/fuzz/messages.h"
+#include "tests/support/records/fast_cdr.h"
 #include "tests/support/records/samples.h"
 
 // The sanitizers' own; absent where there is none. What decode() may allocate is then left to messages_test.
@@ -99,16 +98,6 @@ bool run_object(Input input) {
   return true;
 }
 
-template <class Message>
-Bytes big_endian(const Message& message) {
-  Bytes bytes(testing::encoded(message).size());
-  eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
-  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::BIG_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
-  cdr.serialize_encapsulation();
-  message.serialize(cdr);
-  return bytes;
-}
-
 }  // namespace
 
 const std::map<std::string, MessageTarget>& message_targets() {
@@ -122,7 +111,7 @@ const std::map<std::string, MessageTarget>& message_targets() {
       const auto least = testing::sample_of<Message>(Size::kMin), typical = testing::sample_of<Message>(Size::kTypical);
       target.seeds = {{"least", testing::encoded(least)},
                       {"typical", testing::encoded(typical)},
-                      {"big-endian", big_endian(typical)}};
+                      {"big-endian", testing::fast_cdr(typical, true)}};
       target.run = run<Message>;
     });
 #define CITYLEARN_FUZZ_OBJECT(TYPE)                                                 \

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A rogue participant sends each type of message with each field at its extremes, in its own name and in those of
 // others, into a running training. The training goes on, ends as it would have, and loses no episode.
-#include <fastcdr/Cdr.h>
 #include <gtest/gtest.h>
 #include <spdlog/fmt/fmt.h>
 
@@ -10,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "core/wire/cdr.h"
 #include "tests/support/processes/every_topic.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/ledger.h"
@@ -31,7 +31,7 @@ class Extreme {
     if (here(name)) set(number);
   }
   template <std::size_t N>
-  void operator()(const char* name, eprosima::fastrtps::fixed_string<N>& text) {
+  void operator()(const char* name, FixedString<N>& text) {
     if (here(name))
       choose(text, Choices<std::string>{{"empty", ""},
                                         {"longest", std::string(N, 'x')},
@@ -127,12 +127,9 @@ struct Address {
 /// The bytes of a message, whatever its fields are.
 template <class Message>
 Bytes bytes_of(const Message& message) {
-  Bytes bytes(16 + Message::getCdrSerializedSize(message));
-  eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
-  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
-  cdr.serialize_encapsulation();
-  message.serialize(cdr);
-  bytes.resize(cdr.getSerializedDataLength());
+  Bytes bytes;
+  CdrWriter writer(bytes);
+  visit(message, writer);
   return bytes;
 }
 

@@ -34,7 +34,7 @@ class Filler {
   }
   void operator()(const char*, bool& flag) { flag = size_ != Size::kMin; }
   template <std::size_t N>
-  void operator()(const char* field, eprosima::fastrtps::fixed_string<N>& text) {
+  void operator()(const char* field, FixedString<N>& text) {
     ++count_;
     const bool required = std::string_view("sender receiver environment").find(field) != std::string_view::npos;
     const std::size_t length = size_ == Size::kMin ? required : size_ == Size::kTypical ? N / 3 : N;

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "tests/support/golden.h"
+#include "tests/support/records/fast_cdr.h"
 #include "tests/support/records/samples.h"
 
 namespace citylearn::testing {
@@ -25,7 +26,7 @@ class Example {
   }
   void operator()(const char*, bool& flag) { flag = true; }
   template <std::size_t N>
-  void operator()(const char* field, eprosima::fastrtps::fixed_string<N>& text) {
+  void operator()(const char* field, FixedString<N>& text) {
     ++count_;
     text = std::string(field) == "session" ? "default" : std::string(field) == "sender" ? "env-summer" : field;
   }
@@ -85,7 +86,7 @@ class Writer {
     line(field, fmt::format("{}", number));
   }
   template <std::size_t N>
-  void operator()(const char* field, const eprosima::fastrtps::fixed_string<N>& value) {
+  void operator()(const char* field, const FixedString<N>& value) {
     line(field, fmt::format("\"{}\"", value.c_str()));
   }
   template <class T>
@@ -137,6 +138,7 @@ TEST(GoldenBytes, OfEachMessage) {
     Message received;
     ASSERT_NO_THROW(decode(std::span<const std::byte>(bytes), received)) << topic_of<Message>().type;
     EXPECT_TRUE(encoded(received) == bytes) << topic_of<Message>().type;
+    EXPECT_TRUE(fast_cdr(message) == bytes) << topic_of<Message>().type;
     Writer writer;
     visit(message, writer);
     const std::string type = topic_of<Message>().type;
