@@ -14,7 +14,7 @@ Copyright: 2026 CityLearn-DDS contributors
 License: Apache-2.0
  On Debian systems, the full text is in /usr/share/common-licenses/Apache-2.0.
 ")
-  file(WRITE ${folder}/changelog "citylearn (${CPACK_DEBIAN_PACKAGE_VERSION}) bookworm; urgency=medium
+  file(WRITE ${folder}/changelog "citylearn (${CPACK_DEBIAN_PACKAGE_VERSION}) ${CPACK_CITYLEARN_RELEASE}; urgency=medium
 
   * CHANGELOG.md of the sources says what changed.
 

@@ -64,7 +64,11 @@ PackedFactor::Product& PackedFactor::product_of(const Shape& shape) {
   dnnl::post_ops after;
   if (shape.adds) after.append_sum(1);
   attributes.set_post_ops(after);
+#if DNNL_VERSION_MAJOR == 2
   const dnnl::matmul::primitive_desc chosen(dnnl::matmul::desc(in, any, out), attributes, processor());
+#else
+  const dnnl::matmul::primitive_desc chosen(processor(), in, any, out, attributes);
+#endif
   product.product = dnnl::matmul(chosen);
   product.narrow = memory(in, processor(), DNNL_MEMORY_NONE);
   product.result = memory(out, processor(), DNNL_MEMORY_NONE);
@@ -94,7 +98,7 @@ void PackedFactor::multiply(const products::Factor& a, const products::Factor& b
                                  .rounded = rounded,
                                  .adds = adds});
   if (product.weights->stale) {
-    product.plain.set_data_handle(const_cast<float*>(a.data), stream);  // it is only read
+    product.plain.set_data_handle(const_cast<float*>(a.data));  // it is only read
     product.pack.execute(stream, product.plain, product.weights->packed);
     product.weights->stale = false;
   }
@@ -103,8 +107,8 @@ void PackedFactor::multiply(const products::Factor& a, const products::Factor& b
     products::round_to_bfloat16(b, rounded_b);
     narrow = rounded_b.data();
   }
-  product.narrow.set_data_handle(narrow, stream);
-  product.result.set_data_handle(out, stream);
+  product.narrow.set_data_handle(narrow);
+  product.result.set_data_handle(out);
   product.product.execute(stream, product.arguments);
   stream.wait();
 }

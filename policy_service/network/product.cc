@@ -45,7 +45,11 @@ class Bfloat16Products {
       dnnl::post_ops after;
       if (keep != 0) after.append_sum(keep);
       attributes.set_post_ops(after);
+#if DNNL_VERSION_MAJOR == 2
       known->second = dnnl::matmul({dnnl::matmul::desc(left, right, result), attributes, engine_});
+#else
+      known->second = dnnl::matmul({engine_, left, right, result, attributes});
+#endif
     }
     known->second.execute(stream_, {{DNNL_ARG_SRC, memory(left, engine_, b_.data())},
                                     {DNNL_ARG_WEIGHTS, memory(right, engine_, a_.data())},
@@ -94,6 +98,11 @@ void set_math(std::string_view name) {
   if (math == Math::kOneDnnBfloat16 && (static_cast<int>(dnnl::get_effective_cpu_isa()) & kBfloat16) != kBfloat16)
     throw Error("this processor has no products of bfloat16", "--math " + std::string(name), "choose onednn");
   chosen_math = math;
+}
+
+std::string onednn_release() {
+  const dnnl_version_t* const release = dnnl_version();
+  return std::to_string(release->major) + "." + std::to_string(release->minor) + "." + std::to_string(release->patch);
 }
 
 Math used_math() { return chosen_math; }

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <string>
 #include <string_view>
 #include <type_traits>
 #include <utility>
@@ -22,6 +23,8 @@ inline std::string_view name_of(Math math) { return kMathNames[static_cast<std::
 void set_math(std::string_view name);
 /// Returns what was set; at first kOneDnn.
 Math used_math();
+/// Returns the release of oneDNN in use, "3.7.2". Another one may give other last bits.
+std::string onednn_release();
 /// Computes a first product. oneDNN takes 50 ms and more for it, in which it writes code for this processor; what a
 /// service does meanwhile costs nothing if another thread calls this.
 void prepare_math();

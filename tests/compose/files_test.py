@@ -4,6 +4,7 @@ options, settings, images and packages that exist. compose_test.py and its neigh
 
 import functools
 import os
+import platform
 import re
 import shlex
 import shutil
@@ -188,7 +189,11 @@ class Image(unittest.TestCase):
         owners = {str(Path(path).resolve()): package for package, path in re.findall(r"^(\S+?):.* (/\S+)$", owned, re.MULTILINE)}
         packages = {owners[str(Path(path).resolve())] for path in libraries}
         packages -= {"libc6", "libgcc-s1", "libstdc++6"}  # others bring them
-        listed = re.search(r"--no-install-recommends(.*?)&&", self.TEXT, re.DOTALL)[1].replace("\\", "").split()
+        release = platform.freedesktop_os_release()["VERSION_CODENAME"]
+        found = re.search(rf'\b{release}="(.*?)"', self.TEXT, re.DOTALL)
+        if not found:
+            self.skipTest(f"there are no images of {release}")
+        listed = found[1].replace("\\", "").split()
         self.assertEqual(sorted(listed), sorted(packages))
 
 

@@ -5,6 +5,7 @@ into which the programs are installed. Needs root, podman and podman-compose; no
 import csv
 import json
 import os
+import platform
 import re
 import shutil
 import signal
@@ -21,7 +22,7 @@ from pathlib import Path
 SOURCE = Path(__file__).resolve().parents[2]
 COMPOSE = SOURCE / "compose"
 PREFIX = Path(sys.argv.pop(1)) if len(sys.argv) > 1 else Path("/usr/local")
-BASE = "docker.io/library/debian:bookworm"
+BASE = f"docker.io/library/debian:{platform.freedesktop_os_release().get('VERSION_CODENAME')}"  # what the programs were built on
 OWN = f"citylearn-test-{os.getpid()}"  # begins every name: several tests do not meet
 TAG = f"test-{zlib.crc32(bytes(PREFIX)):x}"  # of images; two builds do not share them
 SERVICES, DASHBOARD = f"localhost/citylearn-dds:{TAG}", f"localhost/citylearn-dashboard:{TAG}"
