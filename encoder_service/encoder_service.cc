@@ -247,8 +247,7 @@ void EncoderService::on_request(const msg::TraversalRequest& request) {
   if (!traversal || !traversal->ready || traversal->is_live) return;
   if (request.part() != static_cast<std::uint32_t>(traversal->dimension())) return;
   send_info(found->second);
-  server_.note(request);
-  while (server_.send(own_chunk_, [this] { node_.publish(own_chunk_); })) continue;
+  server_.answer(request, own_chunk_, [this] { node_.publish(own_chunk_); });
 }
 
 /// Returns features of a traversal that is ready.

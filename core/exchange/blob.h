@@ -68,7 +68,7 @@ class RequestTimer {
 
 enum class Taken { kYes, kNotWanted, kDamaged };
 
-/// The bytes of one thing, put together from its chunks, in whatever order and as often as they come.
+/// Puts bytes together from their chunks. They may come in any order and more than once.
 class Blob {
  public:
   explicit Blob(std::uint64_t total_bytes)

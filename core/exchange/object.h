@@ -63,6 +63,11 @@ class ObjectServer {
   /// Sends one object, or as many of its chunks as are expected, to each service that asked: fills `chunk` and calls
   /// `publish` for each. Returns whether more are to be sent.
   bool send(msg::ObjectChunk& chunk, const std::function<void()>& publish);
+  /// Sends at once what is asked for.
+  void answer(const msg::ObjectRequest& request, msg::ObjectChunk& chunk, const std::function<void()>& publish) {
+    note(request);
+    while (send(chunk, publish)) continue;
+  }
 
  private:
   struct Wanted {

@@ -26,7 +26,7 @@ struct FetchOptions {
   std::size_t max_items = msg::MAX_ITEMS_ASKED;  ///< in one request
 };
 
-/// Fetches objects of one server: says what to ask for, and takes chunks in any order and as often as they come.
+/// Fetches objects of one server: says what to ask for, and takes chunks in any order, repeated ones too.
 class ObjectFetch {
  public:
   static constexpr int kMaxDamaged = 3;  ///< objects before it gives up, if it ever does

@@ -86,7 +86,6 @@ class Reader : public Place {
     field_ = name;
     const std::size_t length = cdr_.read_length();  // with its terminating zero
     require_at_most(length, N + 1, "characters with the zero");
-    if (length > cdr_.left()) fail("cut short");
     char buffer[N + 1];
     cdr_.read(buffer, length);
     if (length == 0 || std::memchr(buffer, 0, length) != buffer + length - 1)

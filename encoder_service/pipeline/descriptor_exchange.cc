@@ -81,8 +81,7 @@ void DescriptorExchange::on_status(const msg::DescriptorStatus& status, Clock::t
 }
 
 void DescriptorExchange::on_request(const msg::DescriptorRequest& request) {
-  server_.note(request);
-  while (server_.send(chunk_, [this] { node_.publish(chunk_); })) continue;
+  server_.answer(request, chunk_, [this] { node_.publish(chunk_); });
 }
 
 /// Returns the Descriptor of a key, or nothing where some of it is lacking.

@@ -248,8 +248,7 @@ void LearnerServer::send_parameters() {
 void LearnerServer::on_request(const msg::ParametersRequest& request) {
   for (const std::uint64_t version : request.items())
     if (const auto found = versions_.find(version); found != versions_.end()) found->second.asked = Clock::now();
-  server_.note(request);
-  while (server_.send(parameters_, [this] { node_.publish(parameters_); })) continue;
+  server_.answer(request, parameters_, [this] { node_.publish(parameters_); });
 }
 
 }  // namespace citylearn

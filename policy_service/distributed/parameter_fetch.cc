@@ -11,6 +11,13 @@ namespace {
 
 constexpr int kMaxUnansweredRequests = 20;  // in a row, after which a version is given up
 
+/// Returns how many bytes the object of so many parameters has. They are its last field.
+std::uint64_t object_bytes(const std::string& agent, std::ptrdiff_t parameters) {
+  msg::Parameters object;
+  object.agent() = agent;
+  return encode_object(object).size() + static_cast<std::uint64_t>(parameters) * sizeof(float);
+}
+
 }  // namespace
 
 ObjectBytes parameters_object(std::uint64_t learner_incarnation, std::uint64_t version, const std::string& agent,
@@ -23,7 +30,7 @@ ObjectBytes parameters_object(std::uint64_t learner_incarnation, std::uint64_t v
 
 ParameterFetch::ParameterFetch(const msg::LearnerInfo& info, std::ptrdiff_t parameters)
     : parameters_(parameters),
-      bytes_(parameters_object(0, 0, info.agent().c_str(), Vector<float>::Zero(parameters)).bytes.size()),
+      bytes_(object_bytes(info.agent().c_str(), parameters)),
       object_({.hash = info.header().incarnation(),
                .retry = kParametersRetry,
                .most_tries = kMaxUnansweredRequests,
