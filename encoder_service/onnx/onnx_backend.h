@@ -32,7 +32,9 @@ class OnnxBackend {
 /// Returns the library and its version, which numbers may depend on: "OpenCV 4.6.0", "ONNX Runtime 1.21.0".
 std::string onnx_library();
 
-/// Reads a network. `size`: width and height of its pictures. Throws Error naming `where` when the library cannot.
-std::unique_ptr<OnnxBackend> make_onnx_backend(OnnxModel model, std::array<int, 2> size, const std::string& where);
+/// Reads a network. `file`: what read_onnx() said of it. `size`: width and height of its pictures. Throws Error naming
+/// `where` when the library cannot.
+std::unique_ptr<OnnxBackend> make_onnx_backend(OnnxModel model, const OnnxFile& file, std::array<int, 2> size,
+                                               const std::string& where);
 
 }  // namespace citylearn

@@ -124,7 +124,7 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
         throw Error("scale, mean and deviation of " + colours[c] + " give numbers that are not finite", path_);
   }
 
-  impl_->backend = make_onnx_backend(std::move(model), {width_, height_}, path_);
+  impl_->backend = make_onnx_backend(std::move(model), file, {width_, height_}, path_);
   if (impl_->backend->batch() > kMaxModelBatch)
     throw Error("takes " + std::to_string(impl_->backend->batch()) + " pictures at once, at most " +
                     std::to_string(kMaxModelBatch) + " are allowed",
@@ -144,7 +144,7 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
     });
     return all;
   };
-  const Eigen::VectorXf alone = numbers_of({grey})[0];
+  const Eigen::VectorXf alone = Eigen::Map<const Eigen::VectorXf>(output.ptr<float>(), numbers_);
   if (alone != numbers_of({grey})[0])
     throw Error("layer '" + layer_ + "' gives other numbers each time for the same picture", path_,
                 "export it by model.eval()");

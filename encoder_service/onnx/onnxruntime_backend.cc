@@ -61,11 +61,11 @@ Ort::Env& environment() {
 
 class OnnxruntimeBackend : public OnnxBackend {
  public:
-  OnnxruntimeBackend(const OnnxModel& model, std::array<int, 2> size, const std::string& where) : where_(where) {
+  OnnxruntimeBackend(const OnnxModel& model, const OnnxFile& file, std::array<int, 2> size, const std::string& where)
+      : where_(where), input_(file.inputs.at(0).name) {
     model_.ParseFromArray(model.bytes.data(), static_cast<int>(model.bytes.size()));  // load_onnx() has read it
     onnx::GraphProto& graph = *model_.mutable_graph();
     graph.clear_value_info();  // as exported, perhaps for another size
-    input_ = read_onnx(model.bytes, where).inputs.at(0).name;
     for (onnx::ValueInfoProto& input : *graph.mutable_input()) {
       if (input.name() != input_) continue;
       auto& type = *input.mutable_type()->mutable_tensor_type();
@@ -146,8 +146,9 @@ class OnnxruntimeBackend : public OnnxBackend {
 
 std::string onnx_library() { return "ONNX Runtime " + std::string(OrtGetApiBase()->GetVersionString()); }
 
-std::unique_ptr<OnnxBackend> make_onnx_backend(OnnxModel model, std::array<int, 2> size, const std::string& where) {
-  return std::make_unique<OnnxruntimeBackend>(model, size, where);
+std::unique_ptr<OnnxBackend> make_onnx_backend(OnnxModel model, const OnnxFile& file, std::array<int, 2> size,
+                                               const std::string& where) {
+  return std::make_unique<OnnxruntimeBackend>(model, file, size, where);
 }
 
 }  // namespace citylearn

@@ -54,17 +54,16 @@ std::string import_fault(const std::exception& exception, std::int64_t opset) {
 /// Runs pictures one by one: OpenCV computes the shapes of a model that leaves the batch open as if it were 1.
 class OpencvBackend : public OnnxBackend {
  public:
-  OpencvBackend(OnnxModel model, std::array<int, 2> size, const std::string& where)
+  OpencvBackend(OnnxModel model, const OnnxFile& file, std::array<int, 2> size, const std::string& where)
       : model_(std::move(model)), input_{1, 3, size[1], size[0]}, where_(where) {
     const Silence silence;
-    const std::int64_t opset = read_onnx(model_.bytes, where).opset;
     refuse_misread_nodes(model_.bytes, input_, "", where);
     try {
       net_ = cv::dnn::readNetFromONNX(reinterpret_cast<const char*>(model_.bytes.data()), model_.bytes.size());
       net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
       net_.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
     } catch (const std::exception& exception) {
-      throw Error(import_fault(exception, opset), where,
+      throw Error(import_fault(exception, file.opset), where,
                   "run it in Python for a file of features, or on Debian 13, where ONNX Runtime runs it; or export it "
                   "as docs/how-to/use-an-onnx-encoder.md says");
     }
@@ -104,8 +103,9 @@ class OpencvBackend : public OnnxBackend {
 
 std::string onnx_library() { return "OpenCV " + cv::getVersionString(); }
 
-std::unique_ptr<OnnxBackend> make_onnx_backend(OnnxModel model, std::array<int, 2> size, const std::string& where) {
-  return std::make_unique<OpencvBackend>(std::move(model), size, where);
+std::unique_ptr<OnnxBackend> make_onnx_backend(OnnxModel model, const OnnxFile& file, std::array<int, 2> size,
+                                               const std::string& where) {
+  return std::make_unique<OpencvBackend>(std::move(model), file, size, where);
 }
 
 }  // namespace citylearn
