@@ -8,10 +8,9 @@
 #include <span>
 #include <vector>
 
-#include "core/exchange/object_fetch.h"
-#include "core/exchange/timing.h"
 #include "core/wire/transfer.h"
 #include "tests/support/env/env_protocol.h"
+#include "tests/support/env/route_map.h"
 #include "tests/support/records/recorder.h"
 
 namespace citylearn::testing {
@@ -154,23 +153,15 @@ TEST_P(EnvWatchers, ScenesAreForWhoeverWatches) {
 TEST_P(EnvWatchers, TellsWhereItsFramesWereRecorded) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
   const Traversal traversal = summer();
-  policy_->node.create_reader<msg::RouteMapChunk>();
-  ObjectFetch fetch({.hash = traversal.hash(), .retry = kDashboardRetry});
-  fetch.want(0);
+  const auto map = fetched_map(*policy_, "env-summer", traversal.hash());
+  ASSERT_TRUE(map);
+  EXPECT_EQ(map->position(), traversal.positions);
+  EXPECT_EQ(map->latitude(), traversal.latitude);
+  EXPECT_EQ(map->longitude(), traversal.longitude);
+  const std::uint64_t before = policy_->status.rejected();
   msg::RouteMapRequest request;
   request.server() = "env-summer";
-  msg::RouteMapChunk chunk;
-  std::optional<FetchedObject> object;
-  ASSERT_TRUE(policy_->until([&] {
-    if (fetch.ask(Clock::now(), request)) policy_->node.publish(request);
-    while (policy_->node.take(chunk)) fetch.take(chunk, Clock::now());
-    return (object = fetch.next()).has_value();
-  }));
-  const auto map = decode_object<msg::RouteMap>(object->bytes);
-  EXPECT_EQ(map.position(), traversal.positions);
-  EXPECT_EQ(map.latitude(), traversal.latitude);
-  EXPECT_EQ(map.longitude(), traversal.longitude);
-  const std::uint64_t before = policy_->status.rejected();
+  request.hash() = traversal.hash();
   request.items() = {0};
   request.chunks() = {200};
   ASSERT_TRUE(policy_->until([&] {

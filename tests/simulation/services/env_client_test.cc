@@ -6,12 +6,10 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
-#include "core/exchange/object_fetch.h"
-#include "core/exchange/timing.h"
 #include "core/util/random.h"
-#include "core/wire/transfer.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
+#include "tests/support/env/route_map.h"
 #include "tests/support/options.h"
 #include "tests/support/records/samples.h"
 #include "tests/support/text.h"
@@ -254,22 +252,11 @@ TEST_F(EnvClientTest, MapsTellWhereEachFrameWasRecorded) {
   const Host host(traversal, 1, run_);
   Player player(run_);
   ASSERT_TRUE(player.env("env-road"));
-  player.node.create_reader<msg::RouteMapChunk>();
-  ObjectFetch fetch({.hash = traversal.hash(), .retry = kDashboardRetry});
-  fetch.want(0);
-  msg::RouteMapRequest request;
-  request.server() = "env-road";
-  msg::RouteMapChunk chunk;
-  std::optional<FetchedObject> object;
-  ASSERT_TRUE(player.until([&] {
-    if (fetch.ask(Clock::now(), request)) player.node.publish(request);
-    while (player.node.take(chunk)) fetch.take(chunk, Clock::now());
-    return (object = fetch.next()).has_value();
-  }));
-  const auto map = decode_object<msg::RouteMap>(object->bytes);
-  EXPECT_EQ(map.position(), traversal.positions);
-  EXPECT_EQ(map.latitude(), traversal.latitude);
-  EXPECT_EQ(map.longitude(), traversal.longitude);
+  const auto map = fetched_map(player, "env-road", traversal.hash());
+  ASSERT_TRUE(map);
+  EXPECT_EQ(map->position(), traversal.positions);
+  EXPECT_EQ(map->latitude(), traversal.latitude);
+  EXPECT_EQ(map->longitude(), traversal.longitude);
 }
 
 TEST_F(EnvClientTest, WholeObservationsThatCannotBeAreRefused) {
