@@ -35,7 +35,7 @@ class RunCollector {
         add_update(position);
       } else if (topic == topic_of<msg::RunInfo>().name) {
         decode(std::span<const std::byte>(message.data), info_);
-        run_of(info_.header(), info_.run_id()).seed = info_.seed();
+        add_run(position);
       }
     } catch (const Error&) {  // of another protocol: it is not shown either
     }
@@ -58,6 +58,11 @@ class RunCollector {
   Run& run_of(const msg::Header& header, std::uint64_t run_id) {
     return runs_[{header.session().c_str(), header.sender().c_str(), run_id}];
   }
+  void add_run(double position) {
+    Run& run = run_of(info_.header(), info_.run_id());
+    if (!run.seed && !run.updates.empty()) run.updates.back().position = position;
+    run.seed = info_.seed();
+  }
   void add_update(double position) {
     Run& run = run_of(stat_.header(), stat_.run_id());
     const std::uint64_t incarnation = stat_.header().incarnation();
@@ -66,6 +71,7 @@ class RunCollector {
     run.incarnation = incarnation;
     // A clock that was set back: positions stay in order.
     if (!run.updates.empty()) position = std::max(position, run.updates.back().position);
+    if (!run.seed) run.updates.clear();  // before its RunInfo no run is shown; then its newest update is
     if (!again) run.updates.push_back({position, stat_.update(), stat_.steps(), stat_.episodes(), stat_.wall()});
   }
 

@@ -11,7 +11,7 @@ namespace citylearn {
 
 /// The state of a training when one of its updates was recorded.
 struct RecordedUpdate {
-  double position = 0;  ///< of its TrainingStat: seconds, as in ReplayState
+  double position = 0;  ///< from which it is shown: seconds, as in ReplayState
   std::uint64_t update = 0, steps = 0, episodes = 0;
   double wall = 0;  ///< seconds of training
 };
@@ -20,8 +20,9 @@ struct RecordedUpdate {
 struct RecordedRun {
   std::string session, policy;  ///< as headers name its policy_service
   std::uint64_t seed = 0, run_id = 0;
-  /// The updates in the order of the recording, each once: one that was sent again is left out. Where a policy_service
-  /// resumed from an older checkpoint, the same updates follow once more.
+  /// The updates in the order of the recording, each once: one that was sent again is left out, and so are all but the
+  /// newest of those before the first RunInfo. Where a policy_service resumed from an older checkpoint, the same
+  /// updates follow once more.
   std::vector<RecordedUpdate> updates;
 };
 

@@ -151,7 +151,8 @@ TEST(RecordingOutline, HasEachUpdateOnceAndThoseOfAResumedRunAgain) {
   const Folder folder;
   {
     Tape tape(folder / "a.mcap");
-    tape.say(training_stat(1), kTapeStart);
+    tape.say(training_stat(0), kTapeStart);
+    tape.say(training_stat(1), kTapeStart);                       // a late reader gets all in a moment
     tape.say(training_stat(1, 500, 0.5f, kJob + 1), kTapeStart);  // of a run without RunInfo, which is not shown
     tape.say(run_info(), kTapeStart + kTapeSecond);
     tape.say(training_stat(2), kTapeStart + kTapeSecond);
@@ -165,7 +166,8 @@ TEST(RecordingOutline, HasEachUpdateOnceAndThoseOfAResumedRunAgain) {
   ASSERT_EQ(outline.runs.size(), 1u);
   std::vector<std::pair<double, std::uint64_t>> updates;
   for (const RecordedUpdate& one : outline.runs[0].updates) updates.emplace_back(one.position, one.update);
-  EXPECT_EQ(updates, (std::vector<std::pair<double, std::uint64_t>>{{0, 1}, {1, 2}, {2, 3}, {4, 2}, {5, 3}}));
+  EXPECT_EQ(updates, (std::vector<std::pair<double, std::uint64_t>>{{1, 1}, {1, 2}, {2, 3}, {4, 2}, {5, 3}}))
+      << "before its RunInfo a run is not shown";
 }
 
 }  // namespace
