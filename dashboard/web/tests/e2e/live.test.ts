@@ -147,6 +147,6 @@ describe('what a service seldom says', () => {
     await page.locator('.event-alarm', { hasText: 'checkpoint' }).waitFor();
     say('');
     await row.locator('.alarm').waitFor({ state: 'detached' });
-    await page.locator('.event-alarm', { hasText: 'resolved' }).waitFor();
+    await page.locator('.event-alarm', { hasText: /live.*resolved/ }).waitFor();
   });
 });
