@@ -317,8 +317,7 @@ void EnvService::finish_step() {
 }
 
 void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement) {
-  if (acknowledgement.environment() != node_.options().id ||
-      acknowledgement.environment_incarnation() != node_.incarnation())
+  if (acknowledgement.writer() != node_.options().id || acknowledgement.writer_incarnation() != node_.incarnation())
     return;
   const auto result = outbox_.acknowledge(acknowledgement, now_);
   if (result == EpisodeOutbox::Acknowledged::kImpossible)

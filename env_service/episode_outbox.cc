@@ -20,9 +20,8 @@ void EpisodeOutbox::add(const Environment::Episode& episode) {
 
 void EpisodeOutbox::fill(std::uint64_t number, msg::EpisodeStat& stat) const {
   const auto& [context, episode] = entries_.at(number - acknowledged() - 1);
+  stat.log() = log_.position(number);
   stat.settings() = context->settings;
-  stat.episode() = number;
-  stat.acknowledged() = acknowledged();
   stat.agent() = static_cast<std::uint32_t>(episode.agent);
   stat.evaluation() = context->evaluation;
   stat.task() = static_cast<std::uint32_t>(episode.task);
@@ -40,11 +39,9 @@ void EpisodeOutbox::fill(std::uint64_t number, msg::EpisodeStat& stat) const {
   stat.path() = episode.path;
 }
 
-EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowledgement& acknowledgement,
+EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::LogAcknowledgement& acknowledgement,
                                                        Clock::time_point now) {
-  const Acknowledged result = log_.acknowledge(
-      {.from = acknowledgement.header(), .number = acknowledgement.episode(), .state = acknowledgement.recorder()},
-      now);
+  const Acknowledged result = log_.acknowledge(acknowledgement, now);
   drop_acknowledged();
   return result;
 }

@@ -30,7 +30,7 @@ class EpisodeOutbox {
 
   using Acknowledged = LogSender::Acknowledged;
   /// Reads all fields of the acknowledgement but its receiver.
-  Acknowledged acknowledge(const msg::EpisodeAcknowledgement& acknowledgement, Clock::time_point now);
+  Acknowledged acknowledge(const msg::LogAcknowledgement& acknowledgement, Clock::time_point now);
   /// Makes the sender the incumbent of its id without waiting.
   void force_successor(const msg::Header& header, Clock::time_point now) { log_.force_successor(header, now); }
 

@@ -9,7 +9,10 @@ It reads one declaration a line, and annotations that begin a comment, so that I
   //@topic(PROFILE)    above a struct: it is a message, sent on topics of its own with this QoS profile. Behind it may stand
                        which topics: @to(FIELD): that of the service whose id is in FIELD (in a field that may be empty: of
                        all); @from: that of its sender; @from(all): that of its sender and that of all; nothing: that of all
-  //@request, //@chunk  above a struct, with @to: it is sent under other names, one for each kind of object
+  //@log(PROFILE)      as @topic, above a struct NAME whose second field is "LogPosition log": its messages are records. The
+                       acknowledgement becomes the message NAMEAcknowledgement (without "Stat"), with topics of its own
+  //@request, //@chunk, //@acknowledgement  above a struct, with @to: it is sent under other names, one for each kind of
+                       object or log
   //@object            above a struct NAME: it is a kind of object. The request becomes the message NAMERequest, the chunk
                        the message NAMEChunk, with topics of their own; the struct is what an object's bytes are
   //@length(OTHER)     behind a sequence: it has as many entries as OTHER; OTHER+1: one more
@@ -26,13 +29,14 @@ import sys
 from classes import NUMBERS as CPP, SIZES, class_of
 
 PROFILES = ("state", "command", "durable")
-ROLES = {"request": "command", "chunk": "durable"}  # of objects, with their profiles
+ROLES = {"request": "command", "chunk": "durable", "acknowledgement": "command"}  # with their profiles
 NUMBERS = "|".join(CPP)
 
 
 class Struct:
-    def __init__(self, name, profile, addressing):
-        self.name, self.profile, self.addressing, self.fields, self.checks, self.metrics = name, profile, addressing, {}, [], []
+    def __init__(self, name, profile, addressing, log):
+        self.name, self.profile, self.addressing, self.log = name, profile, addressing, log
+        self.fields, self.checks, self.metrics = {}, [], []
 
     def entry(self, name, profile):
         """The entry of the list of messages for this struct under a name."""
@@ -68,7 +72,7 @@ class Idl:
         self.lines = self.files[path] = [*map(header_of, includes), "namespace citylearn::msg {"]
         # An enum may take several lines: they become its first one.
         text = re.sub(r"enum[^}]*}", lambda enum: re.sub(r"//.*|\n", "", enum[0]) + "\n" * enum[0].count("\n"), text)
-        self.open, self.profile, self.addressing = None, None, ("", "")
+        self.open, self.profile, self.addressing, self.log = None, None, ("", ""), False
         for number, line in enumerate(text.split("\n"), 1):
             try:
                 self.read_line(*re.fullmatch(r"\s*(.*?)\s*(?://(.*))?", line).groups(""))
@@ -79,8 +83,8 @@ class Idl:
         head = re.match(r"(\s*@\w*(\(.*?\))?)*", comment)[0]
         notes = re.findall(r"@(\w*)(?:\((.*?)\))?", head)
         if found := re.fullmatch(r"@final struct (\w+) \{", code):
-            self.open = self.structs[found[1]] = Struct(found[1], self.profile, self.addressing)
-            self.profile, self.addressing = None, ("", "")
+            self.open = self.structs[found[1]] = Struct(found[1], self.profile, self.addressing, self.log)
+            self.profile, self.addressing, self.log = None, ("", ""), False
         elif self.open and code == "};":
             for check in self.open.checks:
                 other = re.search(r', "(\w+)"', check)
@@ -88,6 +92,8 @@ class Idl:
                     raise ValueError(f"{self.open.name} has no sequence '{other[1]}'")
             if self.open.profile not in (None, "object") and [*self.open.fields.values()][:1] != ["Header"]:
                 raise ValueError(f"{self.open.name} has a topic, so its first field must be a Header")
+            if self.open.log and [*self.open.fields.items()][1:2] != [("log", "LogPosition")]:
+                raise ValueError(f"{self.open.name} is a log, so its second field must be a LogPosition 'log'")
             note, argument = self.open.addressing
             if note == "to" and self.open.fields.get(argument) != "string<64>":
                 raise ValueError(f"{self.open.name} has no string<64> '{argument}'")
@@ -103,9 +109,10 @@ class Idl:
             self.lines.append(" ".join(code.replace("{", ": std::uint32_t {", 1).rstrip(";").split()) + ";")
         elif notes:
             role, profile = notes[0]
-            if (role, profile) not in ([("topic", name) for name in PROFILES] + [(name, "") for name in (*ROLES, "object")]):
-                raise ValueError(f"expected //@topic(PROFILE), PROFILE one of {', '.join(PROFILES)}, or //@object")
-            self.profile = profile or role
+            known = [(name, profile) for name in ("topic", "log") for profile in PROFILES]
+            if (role, profile) not in (known + [(name, "") for name in (*ROLES, "object")]):
+                raise ValueError(f"expected //@topic(PROFILE), PROFILE one of {', '.join(PROFILES)}, //@log(PROFILE) or //@object")
+            self.profile, self.log = profile or role, role == "log"
             if notes[1:]:
                 self.addressing = notes[1]
                 if len(notes) > 2 or self.addressing[0] not in ("to", "from") or self.addressing[1:] not in (("",), ("all",)) and (
@@ -203,7 +210,9 @@ def main(folder, *paths):
     structs = idl.structs.values()
     objects = [s for s in structs if s.profile == "object"]
     roles = [s for s in structs if s.profile in ROLES]
-    kinds = [(f"{kind.name}{role.profile.title()}", role) for kind in objects for role in roles]
+    logs = [s for s in structs if s.log]
+    kinds = [(f"{kind.name.removesuffix('Stat')}{role.profile.title()}", role) for role in roles
+             for kind in (logs if role.profile == "acknowledgement" else objects)]
     write(f"{folder}/idl/forward.h", "#include <cstdint>", "namespace citylearn::msg {",
           *(f"class {name};" for name in [*(s.name for s in structs), *(name for name, _ in kinds)]), *(f"enum {name} : std::uint32_t;" for name in idl.enums), "}")
     functions = []

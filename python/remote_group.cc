@@ -28,7 +28,7 @@ class RemoteGroup : public EnvGroup {
     };
     // Without it env_services keep a million episodes, and then report that the oldest are lost.
     client_.finished = [this](EnvHandle& env, const msg::EpisodeStat& episode) {
-      if (episode.episode() > env.acknowledged) client_.acknowledge(env, episode.episode());
+      if (episode.log().number() > env.acknowledged) client_.acknowledge(env, episode.log().number());
     };
     client_.begin_recording();
     node_.report(msg::WAITING, "waiting for env_services");

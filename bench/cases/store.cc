@@ -94,8 +94,8 @@ double catching_up(const std::string& folder, const std::string& middleware, std
     const auto listen = [&](std::chrono::milliseconds patience) {
       const bool heard = node.wait(Clock::now() + patience);
       while (node.take(message))
-        if (message.environment_incarnation() == node.incarnation())
-          acknowledged = std::max(acknowledged, message.episode());
+        if (message.writer_incarnation() == node.incarnation())
+          acknowledged = std::max<std::uint64_t>(acknowledged, message.number());
       return heard;
     };
     while (node.readers<msg::EpisodeStat>() == 0 && Clock::now() < deadline) listen(std::chrono::milliseconds(10));

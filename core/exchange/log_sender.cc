@@ -5,6 +5,8 @@
 #include <tuple>
 #include <utility>
 
+#include "idl/common.h"
+
 namespace citylearn {
 
 LogSender::LogSender(const LogOptions& options, const std::vector<std::string>& required, std::uint64_t first)
@@ -16,14 +18,14 @@ LogSender::LogSender(const LogOptions& options, const std::vector<std::string>& 
 
 template <class Log, class Visit>
 void LogSender::each_reader(Log& log, Visit visit) {
-  if (log.registered_ == 0) visit(log.anonymous_reader_);
+  if (log.registered_ == 0 && !log.options_.keeps_all) visit(log.anonymous_reader_);
   for (auto& [name, reader] : log.readers_)
     if (reader.registered) visit(reader);
 }
 
 std::uint64_t LogSender::add() {
   ++last_;
-  if (kept() > options_.capacity) enforce_capacity();
+  if (kept() > options_.capacity && !options_.keeps_all) enforce_capacity();
   return last_;
 }
 
@@ -48,21 +50,22 @@ bool LogSender::has_room(const std::string& name, Clock::time_point now) {
   return true;
 }
 
-LogSender::Acknowledged LogSender::acknowledge(const Acknowledgement& acknowledgement, Clock::time_point now) {
-  if (acknowledgement.number > last_) return Acknowledged::kImpossible;
-  const std::string name = acknowledgement.from.sender().c_str();
+LogSender::Acknowledged LogSender::acknowledge(const msg::LogAcknowledgement& acknowledgement, Clock::time_point now) {
+  const msg::Header& from = acknowledgement.header();
+  const std::uint64_t number = acknowledgement.number();
+  if (number > last_) return Acknowledged::kImpossible;
+  const std::string name = from.sender().c_str();
   if (!has_room(name, now)) return Acknowledged::kTooMany;
   Reader& reader = readers_[name];
-  if (!reader.hear(acknowledgement.from, now) || !reader.order.in_order(acknowledgement.from, now) ||
-      (gives_credit() && acknowledgement.number < discarded_))
+  if (!reader.hear(from, now) || !reader.order.in_order(from, now) || (gives_credit() && number < discarded_))
     return Acknowledged::kRepeated;
-  limit_ = acknowledgement.limit;
+  limit_ = acknowledgement.limit();
   // A log with a credit window belongs to one process, which lacks nothing that was sent before it came.
   const bool fresh = (std::exchange(reader.fresh, false) || !reader.registered) && !gives_credit();
-  const bool leaves = acknowledgement.state == msg::LEAVES;
-  reader.stopping = acknowledgement.state != msg::RECORDS;
+  const bool leaves = acknowledgement.state() == msg::LEAVES;
+  reader.stopping = acknowledgement.state() != msg::READS;
   if (reader.stopping) reader.presence.leave();
-  const std::uint64_t has = std::max(acknowledgement.number, discarded_);
+  const std::uint64_t has = std::max(number, discarded_);
   const bool progress = has > reader.acknowledged, loss = has < reader.acknowledged;
   if (!reader.registered) {
     if (leaves) return Acknowledged::kRepeated;
@@ -121,7 +124,7 @@ void LogSender::discard_acknowledged() {
   std::uint64_t all = last_;
   for (const auto& [name, reader] : readers_)
     if (reader.registered) all = std::min(all, reader.acknowledged);
-  if (registered_ > 0) discard(all);
+  if (registered_ > 0 && !options_.keeps_all) discard(all);
 }
 
 void LogSender::discard(std::uint64_t up_to) {
@@ -198,6 +201,14 @@ std::optional<LogSender::Sending> LogSender::next(Clock::time_point now) {
     reader.limit = std::max(reader.limit, reader.sent);
   });
   return found;
+}
+
+msg::LogPosition LogSender::position(std::uint64_t number, std::uint64_t stream) const {
+  msg::LogPosition position;
+  position.stream(stream);
+  position.number(number);
+  position.first(discarded_ + 1);
+  return position;
 }
 
 Clock::time_point LogSender::due() const {

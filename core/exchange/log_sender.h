@@ -10,7 +10,7 @@
 #include "core/exchange/incumbent.h"
 #include "core/exchange/message_order.h"
 #include "core/exchange/timing.h"
-#include "idl/episode.h"
+#include "idl/forward.h"
 
 namespace citylearn {
 
@@ -23,6 +23,7 @@ struct LogOptions {
   std::uint64_t credit_window = 0;   ///< 0: new records go out at once. Else the one reader says up to which record it
                                      ///< has room, so many are on their way to it, and it gets twice the time that
                                      ///< its last acknowledgement took
+  bool keeps_all = false;            ///< nothing is ever dropped, so that a reader that comes late gets all
   const char* records = "records";   ///< what problem() calls them
   const char* reader = "reader";     ///< likewise
 };
@@ -42,16 +43,10 @@ class LogSender {
   /// Appends a record and returns its number.
   std::uint64_t add();
 
-  struct Acknowledgement {
-    const msg::Header& from;
-    std::uint64_t number = 0;  ///< the reader has all records up to this one
-    msg::RecorderState state = msg::RECORDS;
-    std::uint64_t limit = 0;  ///< the reader has room for records up to this one; read with a credit window only
-  };
   enum class Acknowledged { kYes, kRepeated, kImpossible, kTooMany };
   /// Readers acknowledge once a second, which shows that they live. Beyond the largest number of readers a newcomer
-  /// takes the place of one that left and is silent; kTooMany: there is none.
-  Acknowledged acknowledge(const Acknowledgement& acknowledgement, Clock::time_point now);
+  /// takes the place of one that left and is silent; kTooMany: there is none. Does not read whom the message is for.
+  Acknowledged acknowledge(const msg::LogAcknowledgement& acknowledgement, Clock::time_point now);
   /// Makes the sender the incumbent of its id without waiting.
   void force_successor(const msg::Header& header, Clock::time_point now);
 
@@ -61,6 +56,8 @@ class LogSender {
   };
   /// Returns the next record to send now, if any.
   std::optional<Sending> next(Clock::time_point now);
+  /// Returns what a record says of its place, as it goes out now.
+  msg::LogPosition position(std::uint64_t number, std::uint64_t stream = 0) const;
   /// Returns when next() will have something, as far as is known. The clock's epoch means now.
   Clock::time_point due() const;
   /// Resends what is not acknowledged now and at short intervals.

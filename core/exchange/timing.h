@@ -33,14 +33,10 @@ inline constexpr auto kLogResend = 200ms, kLogResendMax = 2000ms;  ///< it doubl
 inline constexpr auto kLogHurried = 50ms;                          ///< first interval of a sender that ends
 inline constexpr auto kAcknowledge = 1s;                           ///< between two acknowledgements that say the same
 inline constexpr auto kAcknowledgeGather = 100ms;                  ///< between two acknowledgements of a policy_service
-inline constexpr auto kCommitGather = 50ms;       ///< in which an episode waits for others of its transaction
-inline constexpr auto kCommitRetry = 1s;          ///< after the disk failed
-inline constexpr auto kTrajectoryGiveUp = 4s;     ///< until a gap never fills: it was acknowledged in our name
-inline constexpr auto kStatsDelay = 300ms;        ///< in which missing TrainingStats may just be late
-inline constexpr auto kStatsRetry = 1000ms;       ///< until they are requested again
-inline constexpr auto kNextReplyTimeout = 250ms;  ///< until the next message of an answer counts as lost
-inline constexpr auto kLinger = 6s;               ///< at the end, for recorders that live to acknowledge episodes
-inline constexpr auto kLingerUnheard = 500ms;     ///< likewise for recorders that were never heard
+inline constexpr auto kCommitGather = 50ms;    ///< in which an episode waits for others of its transaction
+inline constexpr auto kCommitRetry = 1s;       ///< after the disk failed
+inline constexpr auto kLinger = 6s;            ///< at the end, for recorders that live to acknowledge episodes
+inline constexpr auto kLingerUnheard = 500ms;  ///< likewise for recorders that were never heard
 
 // Objects: until missing chunks are requested again.
 inline constexpr auto kObjectRetry = 300ms, kDashboardRetry = 500ms, kParametersRetry = 50ms;
@@ -75,7 +71,7 @@ inline constexpr auto kBridgePictures = 10ms;  ///< between two pictures for ROS
 // Replay.
 inline constexpr auto kReplayPeriod = 20ms;     ///< in which half a writer's history may go out
 inline constexpr auto kReplayTimeout = 2000ms;  ///< for readers that do not come or acknowledge
-inline constexpr auto kReplayQuiet = 1500ms;    ///< without a request at the end: all readers have all
+inline constexpr auto kReplayQuiet = 1500ms;    ///< without news of readers at the end: all of them have all
 inline constexpr auto kReplayEnd = 30s;         ///< at most, at the end
 inline constexpr auto kReplayProgress = 30s;    ///< for a learner to accept trajectories; an update may be long
 inline constexpr auto kReplayPoll = 5ms;        ///< between two looks at whether readers go on
@@ -99,9 +95,8 @@ static_assert(kWriterLifetime > kSilence && kTwinGrace > kSilence && kRunSilence
 static_assert(kMaxUnserved > kSilence + kHandover && kLinger > kSilence + kHandover);
 static_assert(kObservationResend < kObeysOther && kSettingsResend < kObeysOther && kObservationResendMax < kSilence);
 static_assert(kAssignmentResend < kSilence && kAlarmDelay < kCommandGiveUp && kFeaturesTimeout > kSilence);
-static_assert(kCommitGather < kLogResend && kLogResendMax < kSilence && kLogResendMax < kTrajectoryGiveUp);
-static_assert(2 * kAcknowledge < kSilence && kAcknowledge < kReplayQuiet && kStatsRetry < kReplayQuiet);
-static_assert(kNextReplyTimeout < kStatsRetry && kStatsDelay < kStatsRetry);
+static_assert(kCommitGather < kLogResend && kLogResendMax < kSilence);
+static_assert(2 * kAcknowledge < kSilence && kAcknowledge < kReplayQuiet);
 static_assert(kObjectCrossing < kObjectRetry && kObjectRetry <= kDashboardRetry,
               "what is lost is sent at the first retry");
 static_assert(kEncoderSettle >= kHeartbeat && kActorSettle >= kHeartbeat && kEndContestTimeout > kHeartbeat);

@@ -64,7 +64,7 @@ class RunCollector {
     run.seed = info_.seed();
   }
   void add_update(double position) {
-    Run& run = run_of(stat_.header(), stat_.run_id());
+    Run& run = run_of(stat_.header(), stat_.log().stream());
     const std::uint64_t incarnation = stat_.header().incarnation();
     const bool again =
         run.incarnation == incarnation && !run.updates.empty() && stat_.update() <= run.updates.back().update;

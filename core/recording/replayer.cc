@@ -31,7 +31,7 @@ int most_in_period(Profile profile) {
   return 1;
 }
 
-constexpr std::size_t kMaxUnacknowledged = 128;  // episodes of an env_service
+constexpr std::size_t kMaxUnacknowledged = 128;  // records of a log
 constexpr int kResendBatch = 32;
 constexpr std::size_t kMaxReplayedWriters = 4096;
 constexpr std::size_t kMaxInboxes = 4096;
@@ -79,8 +79,8 @@ void Replayer::hear() {
       }
   };
   for (const auto& [service, inbox] : inboxes_) {
-    take(*inbox.acknowledgements, [this] { on_acknowledgement(); });
-    take(*inbox.stat_requests, [this] { on_request(); });
+    take(*inbox.episode_acknowledgements, [this] { on_acknowledgement(topic_of<msg::EpisodeStat>()); });
+    take(*inbox.training_acknowledgements, [this] { on_acknowledgement(topic_of<msg::TrainingStat>()); });
     take(*inbox.map_requests, [this] { on_chunk_request<msg::RouteMapRequest>(); });
     take(*inbox.image_requests, [this] { on_chunk_request<msg::ImageRequest>(); });
   }
@@ -93,45 +93,27 @@ void Replayer::open_inbox(const std::string& session, const std::string& sender)
   const auto subscribe = [&](const Topic& topic) {
     return middleware_.create_subscription(topic_at(topic, session, sender));
   };
-  inboxes_[key] = {subscribe(topic_of<msg::EpisodeAcknowledgement>()), subscribe(topic_of<msg::TrainingStatRequest>()),
-                   subscribe(topic_of<msg::RouteMapRequest>()), subscribe(topic_of<msg::ImageRequest>())};
+  inboxes_[key] = {subscribe(topic_of<msg::EpisodeAcknowledgement>()),
+                   subscribe(topic_of<msg::TrainingAcknowledgement>()), subscribe(topic_of<msg::RouteMapRequest>()),
+                   subscribe(topic_of<msg::ImageRequest>())};
 }
 
-void Replayer::on_acknowledgement() {
-  msg::EpisodeAcknowledgement message;
+void Replayer::on_acknowledgement(const Topic& records) {
+  msg::EpisodeAcknowledgement message;  // those of all logs have the same bytes
   decode(std::span<const std::byte>(taken_), message);
-  const auto found = episodes_.find({message.environment().c_str(), message.environment_incarnation()});
   acknowledged_ = true;
-  if (found == episodes_.end()) return;
-  Episodes& episodes = found->second;
-  const auto lacks = std::find_if(episodes.waiting.begin(), episodes.waiting.end(),
-                                  [&](const auto& entry) { return entry.first > message.episode(); });
-  const std::uint64_t number =
-      episodes.log.acknowledged() + static_cast<std::uint64_t>(lacks - episodes.waiting.begin());
+  const auto found =
+      logs_.find({records.name, Key(message.writer().c_str(), message.writer_incarnation()), message.stream()});
+  if (found == logs_.end()) return;
+  ReplayedLog& replayed = found->second;
+  const auto lacks = std::find_if(replayed.waiting.begin(), replayed.waiting.end(),
+                                  [&](const auto& entry) { return entry.first > message.number(); });
+  message.number() = replayed.log.acknowledged() + static_cast<std::uint64_t>(lacks - replayed.waiting.begin());
   const Clock::time_point now = Clock::now();
-  if (episodes.log.acknowledge({.from = message.header(), .number = number, .state = message.recorder()}, now) ==
-      LogSender::Acknowledged::kYes)
-    episodes.given_up = false;
-  if (episodes.waiting.size() == episodes.log.kept()) return;
-  while (episodes.waiting.size() > episodes.log.kept()) episodes.waiting.pop_front();
-  episodes.progress = quiet_since_ = now;
-}
-
-void Replayer::on_request() {
-  msg::TrainingStatRequest message;
-  decode(std::span<const std::byte>(taken_), message);
-  const Key sender{message.policy().c_str(), message.policy_incarnation()};
-  const auto played = stats_.find({sender.first, sender.second, message.run_id()});
-  if (played == stats_.end()) return;
-  const Topic& topic = topic_of<msg::TrainingStat>();
-  ReplayedWriter& to = writer(topic, topic, sender);
-  auto stat = played->second.lower_bound(message.first());
-  for (std::uint32_t sent = 0; sent < msg::MAX_STATS_ASKED; ++sent, ++stat) {
-    if (stat == played->second.end() || stat->first > message.last()) break;
-    to.publisher->publish(stat->second);
-    ++figures_.repeated;
-  }
-  quiet_since_ = Clock::now();
+  if (replayed.log.acknowledge(message, now) == LogSender::Acknowledged::kYes) replayed.given_up = false;
+  if (replayed.waiting.size() == replayed.log.kept()) return;
+  while (replayed.waiting.size() > replayed.log.kept()) replayed.waiting.pop_front();
+  replayed.progress = quiet_since_ = now;
 }
 
 /// Answers a request for recorded maps or pictures.
@@ -146,22 +128,24 @@ void Replayer::on_chunk_request() {
 }
 
 void Replayer::send_again(Clock::time_point now) {
-  for (auto& [sender, episodes] : episodes_) {
-    if (episodes.waiting.empty()) continue;
-    if (now - episodes.progress >= kReplayTimeout) {
-      for (const std::string& recorder : episodes.log.lacking())
-        figures_.remarks.push_back(recorder + " has not recorded episode " +
-                                   std::to_string(episodes.waiting.front().first) + " of '" + sender.first +
+  for (auto& [key, replayed] : logs_) {
+    if (replayed.waiting.empty()) continue;
+    if (now - replayed.progress >= kReplayTimeout) {
+      const char* record =
+          std::get<std::string>(key) == topic_of<msg::EpisodeStat>().name ? "episode " : "training figures ";
+      for (const std::string& recorder : replayed.log.lacking())
+        figures_.remarks.push_back(recorder + " has not recorded " + record +
+                                   std::to_string(replayed.waiting.front().first) + " of '" + std::get<Key>(key).first +
                                    "' and is not waited for any more");
-      episodes.waiting.clear();
-      episodes.log = LogSender(LogOptions(), {}, episodes.log.last() + 1);
-      episodes.given_up = true;
+      replayed.waiting.clear();
+      replayed.log = LogSender(LogOptions(), {}, replayed.log.last() + 1);
+      replayed.given_up = true;
       continue;
     }
     for (int count = 0; count < kResendBatch; ++count) {
-      const auto next = episodes.log.next(now);
+      const auto next = replayed.log.next(now);
       if (!next) break;
-      episodes.writer->publisher->publish(episodes.waiting[next->number - episodes.log.acknowledged() - 1].second);
+      replayed.publisher->publish(replayed.waiting[next->number - replayed.log.acknowledged() - 1].second);
       ++figures_.repeated;
     }
   }
@@ -257,10 +241,8 @@ bool Replayer::must_wait(ReplayedWriter& writer, Clock::time_point now) {
     writer.period = now;
     writer.in_period = 0;
   }
-  if (writer.in_period >= most_in_period(writer.topic->profile)) return true;
-  if (!is(*writer.topic, topic_of<msg::EpisodeStat>())) return false;
-  const auto episodes = episodes_.find(next_->sender);
-  return episodes != episodes_.end() && episodes->second.waiting.size() >= kMaxUnacknowledged;
+  return writer.in_period >= most_in_period(writer.topic->profile) ||
+         (writer.log && writer.log->waiting.size() >= kMaxUnacknowledged);
 }
 
 void Replayer::publish(ReplayedWriter& writer, const Bytes& bytes) {
@@ -274,57 +256,59 @@ void Replayer::note_played(const std::string& topic, std::size_t bytes) {
   figures_.bytes += bytes;
 }
 
-/// Lowers `acknowledged` of the next episode to what the present recorders have: it says what those of that time had.
-void Replayer::limit_acknowledged() {
-  std::uint64_t before = episode_.acknowledged();
-  if (const auto known = episodes_.find(next_->sender); known != episodes_.end())
-    for (const auto& [number, bytes] : known->second.waiting) before = std::min(before, number - 1);
-  if (before == episode_.acknowledged()) return;
-  episode_.acknowledged() = before;
-  encode(episode_, bytes_);
+/// Decodes the next record and finds its log. `first` of it says what the sender had at that time: here it becomes what
+/// the recording has, from its first record on, and the present recorders lack. Returns the record's number.
+template <class Record>
+std::uint64_t Replayer::prepare(ReplayedWriter& writer, Record& record) {
+  decode(std::span<const std::byte>(bytes_), record);
+  msg::LogPosition& position = record.log();
+  writer.log = &logs_[{writer.topic->name, next_->sender, position.stream()}];
+  if (writer.log->begin == 0) writer.log->begin = position.number();
+  std::uint64_t first = std::max(position.first(), std::min(writer.log->begin, position.number()));
+  for (const auto& [number, bytes] : writer.log->waiting) first = std::min(first, number);
+  if (first != position.first()) {
+    position.first() = first;
+    encode(record, bytes_);
+  }
+  return position.number();
 }
 
-/// Keeps the episode until it is acknowledged.
-void Replayer::keep_episode(ReplayedWriter& writer, Clock::time_point now) {
-  if (!first_episode_) first_episode_ = now;
-  Episodes& episodes = episodes_[next_->sender];
-  episodes.writer = &writer;
+/// Keeps the record until it is acknowledged.
+void Replayer::keep(ReplayedWriter& writer, std::uint64_t number, Clock::time_point now) {
+  if (!first_record_) first_record_ = now;
+  ReplayedLog& replayed = *writer.log;
+  replayed.publisher = writer.publisher.get();
   // Without a recorder that acknowledges, none is waited for.
-  if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kReplayTimeout)) return;
-  if (episodes.waiting.empty()) episodes.progress = now;
-  episodes.waiting.emplace_back(episode_.episode(), bytes_);
-  episodes.log.add();
-  episodes.log.next(now);  // it went out
+  if (replayed.given_up || (!acknowledged_ && now - *first_record_ > kReplayTimeout)) return;
+  if (replayed.waiting.empty()) replayed.progress = now;
+  replayed.waiting.emplace_back(number, bytes_);
+  replayed.log.add();
+  replayed.log.next(now);  // it went out
 }
 
 void Replayer::play(ReplayedWriter& writer) {
-  const std::span<const std::byte> bytes(bytes_);
-  bool episode = false;
+  std::uint64_t number = 0;
   // What cannot be decoded is played as it is: what it was then, it is now.
   try {
-    if (is(*writer.topic, topic_of<msg::EpisodeStat>())) {
-      decode(bytes, episode_);
-      limit_acknowledged();
-      episode = true;
-    } else if (is(*writer.topic, topic_of<msg::TrainingStat>())) {
-      decode(bytes, stat_);
-      stats_[{next_->sender.first, next_->sender.second, stat_.run_id()}][stat_.update()] = bytes_;
-    } else if (is(*writer.topic, topic_of<msg::RunInfo>())) {
+    if (is(*writer.topic, topic_of<msg::EpisodeStat>()))
+      number = prepare(writer, episode_);
+    else if (is(*writer.topic, topic_of<msg::TrainingStat>()))
+      number = prepare(writer, stat_);
+    else if (is(*writer.topic, topic_of<msg::RunInfo>()))
       writer.last = bytes_;
-    }
   } catch (const Error&) {
   }
   publish(writer, bytes_);
-  if (episode) keep_episode(writer, Clock::now());
+  if (number > 0) keep(writer, number, Clock::now());
 }
 
 /// Returns whether every reader has what there was. Called after the last message.
 bool Replayer::settled(Clock::time_point now) {
   if (!over_) over_ = quiet_since_ = now;
   const bool waited_for =
-      std::any_of(episodes_.begin(), episodes_.end(), [](const auto& entry) { return !entry.second.waiting.empty(); });
+      std::any_of(logs_.begin(), logs_.end(), [](const auto& entry) { return !entry.second.waiting.empty(); });
   if ((!waited_for && now - quiet_since_ >= kReplayQuiet) || now - *over_ >= kReplayEnd) return true;
-  // A recorder asks for statistics only while it hears of the run.
+  // A recorder reads the figures of a run only once it has heard of it.
   if (now >= next_state_) {
     next_state_ = now + kHeartbeat;
     for (auto& [key, writer] : writers_)

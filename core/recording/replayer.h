@@ -23,9 +23,9 @@
 namespace citylearn {
 
 /// Plays recordings into a middleware: the recorded bytes on their topics, each sender with writers of its own, in the
-/// order and at the distance in time in which they came. Sends episodes again until recorders acknowledge them, and
-/// TrainingStats, maps and pictures to the service that asks now, so that recorders get all of them at any speed. Used
-/// by one thread, but for clock().
+/// order and at the distance in time in which they came. Sends episodes and training figures again until recorders
+/// acknowledge them, and maps and pictures to the service that asks now, so that recorders get all of them at any
+/// speed. Used by one thread, but for clock().
 class Replayer {
  public:
   /// `middleware` must outlive it. Throws Error when a file is not an MCAP recording, or a topic is unknown.
@@ -42,22 +42,24 @@ class Replayer {
 
  private:
   using Key = std::pair<std::string, std::uint64_t>;  // sender and incarnation
+  /// Records of one log that wait to be acknowledged. LogSender counts them anew: a recording may lack some.
+  struct ReplayedLog {
+    LogSender log{LogOptions()};
+    std::deque<std::pair<std::uint64_t, Bytes>> waiting;  // with the number in the recording
+    std::uint64_t begin = 0;                              // number of the record played first
+    Clock::time_point progress;
+    Publisher* publisher = nullptr;
+    bool given_up = false;  // no acknowledgement came for long
+  };
   /// The writer of one recorded sender on one topic.
   struct ReplayedWriter {
     const Topic* topic = nullptr;  // that every service reads
     std::unique_ptr<Publisher> publisher;
     Clock::time_point made, period;
     int in_period = 0;
-    bool awaited = false;  // a reader is there, or none came
-    Bytes last;            // of RunInfo
-  };
-  /// Episodes of one env_service that wait to be acknowledged. The log counts them anew: a recording may lack some.
-  struct Episodes {
-    LogSender log{LogOptions()};
-    std::deque<std::pair<std::uint64_t, Bytes>> waiting;  // with the number in the recording
-    Clock::time_point progress;
-    ReplayedWriter* writer = nullptr;
-    bool given_up = false;  // no acknowledgement came for long
+    bool awaited = false;        // a reader is there, or none came
+    Bytes last;                  // of RunInfo
+    ReplayedLog* log = nullptr;  // of the record played last
   };
   struct Next {
     const Topic* topic = nullptr;  // that every service reads
@@ -69,7 +71,7 @@ class Replayer {
   };
   /// Readers of messages that are sent to a recorded service now.
   struct Inbox {
-    std::unique_ptr<Subscription> acknowledgements, stat_requests, map_requests, image_requests;
+    std::unique_ptr<Subscription> episode_acknowledgements, training_acknowledgements, map_requests, image_requests;
   };
 
   bool fetch();
@@ -77,13 +79,13 @@ class Replayer {
   ReplayedWriter& writer(const Topic& all, const Topic& topic, const Key& sender);
   void open_inbox(const std::string& session, const std::string& sender);
   bool must_wait(ReplayedWriter& writer, Clock::time_point now);
-  void limit_acknowledged();
-  void keep_episode(ReplayedWriter& writer, Clock::time_point now);
+  template <class Record>
+  std::uint64_t prepare(ReplayedWriter& writer, Record& record);
+  void keep(ReplayedWriter& writer, std::uint64_t number, Clock::time_point now);
   void play(ReplayedWriter& writer);
   void publish(ReplayedWriter& writer, const Bytes& bytes);
   void hear();
-  void on_acknowledgement();
-  void on_request();
+  void on_acknowledgement(const Topic& records);
   template <class Request>
   void on_chunk_request();
   void note_played(const std::string& topic, std::size_t bytes);
@@ -104,11 +106,9 @@ class Replayer {
   std::optional<Clock::time_point> held_since_, begun_;  // begun_: the first message was to be played
   std::map<std::tuple<std::string, std::string, std::uint64_t>, ReplayedWriter> writers_;  // by topic and sender
   std::set<std::string> heard_;                                                            // topics with a reader
-  std::map<Key, Episodes> episodes_;
-  std::optional<Clock::time_point> first_episode_, over_;
-  bool acknowledged_ = false;                                            // a recorder has acknowledged
-  using RunKey = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, run_id
-  std::map<RunKey, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
+  std::map<std::tuple<std::string, Key, std::uint64_t>, ReplayedLog> logs_;  // by topic, sender and stream
+  std::optional<Clock::time_point> first_record_, over_;
+  bool acknowledged_ = false;  // a recorder has acknowledged
   ChunkStore chunks_;
   Clock::time_point due_, quiet_since_, next_state_;
   ReplayFigures figures_;

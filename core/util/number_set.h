@@ -6,8 +6,6 @@
 #include <iterator>
 #include <limits>
 #include <map>
-#include <optional>
-#include <utility>
 
 namespace citylearn {
 
@@ -54,13 +52,6 @@ class NumberSet {
     for (const auto& [from, to] : ranges_)
       if (from <= last && to >= first) sum += std::min(to, last) - std::max(from, first) + 1;
     return sum;
-  }
-  /// Returns the first range of 1..last that is missing.
-  std::optional<std::pair<std::uint64_t, std::uint64_t>> gap(std::uint64_t last) const {
-    const std::uint64_t reached = reach();
-    if (reached >= last) return std::nullopt;
-    const auto next = ranges_.upper_bound(reached + 1);
-    return std::pair(reached + 1, next == ranges_.end() ? last : std::min(last, next->first - 1));
   }
 
  private:

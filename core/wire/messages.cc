@@ -182,12 +182,16 @@ void check(const Observation& m, const std::string& type) {
   require_actions(m.previous_action(), true, type, "previous_action");
 }
 
+void check(const LogPosition& log, const std::string& type) {
+  if (log.number() == 0) refuse(type, "log.number", "is 0, they count from 1");
+  if (log.first() < 1 || log.first() > log.number())
+    refuse(type, "log.first", "is " + std::to_string(log.first()) + ", must be 1.." + std::to_string(log.number()));
+}
+
+void check(const TrainingStat& m, const std::string& type) { check(m.log(), type); }
+
 void check(const EpisodeStat& m, const std::string& type) {
-  if (m.episode() == 0) refuse(type, "episode", "is 0, they count from 1");
-  if (m.acknowledged() >= m.episode())
-    refuse(
-        type, "acknowledged",
-        "is " + std::to_string(m.acknowledged()) + " though episode " + std::to_string(m.episode()) + " is still sent");
+  check(m.log(), type);
   const std::size_t octets = path_octets(m.steps());
   if (!m.path().empty() && m.path().size() != octets) refuse(type, "path", counts(m.path().size(), octets));
 }
@@ -228,6 +232,7 @@ void check(const Descriptor& m, const std::string& type) {
 }
 
 void check(const Trajectory& m, const std::string& type) {
+  check(m.log(), type);
   const std::size_t features = m.shown().size() * std::size_t{m.feature_dimension()};
   if (m.features().size() != features) refuse(type, "features", counts(m.features().size(), features));
   require_actions(m.action(), false, type, "action");

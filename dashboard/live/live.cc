@@ -67,7 +67,7 @@ void Live::on_message(const msg::RunInfo& info) {
 }
 
 void Live::on_message(const msg::TrainingStat& stat) {
-  const auto run = runs_.find({Sender(stat.header()), stat.run_id()});
+  const auto run = runs_.find({Sender(stat.header()), stat.log().stream()});
   if (run == runs_.end()) return;
   const std::string topic = "training:" + run->second;
   if (!watched_.contains(topic)) return;

@@ -12,7 +12,15 @@ namespace {
 // A batch of so many is committed without waiting for more, because env_services resend until the acknowledgement.
 constexpr std::size_t kCommitBatch = 32;
 constexpr int kBatchesPerPoll = 4;  // others need the thread too
-constexpr int kMaxTries = 5;        // requests for TrainingStats that do not come
+
+void fill(const Sender& writer, std::uint64_t stream, std::uint64_t number, msg::ReaderState state,
+          msg::LogAcknowledgement& message) {
+  message.writer(writer.id);
+  message.writer_incarnation(writer.incarnation);
+  message.stream(stream);
+  message.number(number);
+  message.state(state);
+}
 
 }  // namespace
 
@@ -48,13 +56,16 @@ void Recorder::report(Event event) {
   events_.push_back(std::move(event));
 }
 
-void Recorder::acknowledge(const Sender& environment, msg::RecorderState recorder) {
+void Recorder::acknowledge(const Sender& environment, msg::ReaderState state) {
   msg::EpisodeAcknowledgement message;
-  message.environment(environment.id);
-  message.environment_incarnation(environment.incarnation);
-  message.episode(store_.recorded_up_to(environment));
-  message.recorder(recorder);
+  fill(environment, 0, store_.recorded_up_to(environment), state, message);
   node_.publish(message, environment.session);
+}
+
+void Recorder::acknowledge(const RunKey& run, msg::ReaderState state) {
+  msg::TrainingAcknowledgement message;
+  fill(run.first, run.second, runs_[run].figures.settled().reach(), state, message);
+  node_.publish(message, run.first.session);
 }
 
 void Recorder::on_message(const msg::ServiceStatus& status) {
@@ -69,8 +80,8 @@ void Recorder::on_message(const msg::ServiceStatus& status) {
     attempt([&] { acknowledge(sender); });
   } else if (status.service() == "policy_service") {
     const bool stopping = status.service_state() == msg::STOPPING;
-    for (auto& [run, requests] : runs_)
-      if (run.first == sender) stopping ? requests.process.forget() : requests.process.heard(Clock::now());
+    for (auto& [key, run] : runs_)
+      if (key.first == sender) stopping ? run.process.forget() : run.process.heard(Clock::now());
     if (!stopping) return;
     endings_.insert(sender);
     wake_at(Clock::now());
@@ -94,9 +105,9 @@ bool Recorder::held_by_other_process(const msg::RunInfo& info) {
 /// Accepts the last RunInfo of each process that continues the run of a silent one. They may have ended since.
 void Recorder::promote_successors() {
   std::vector<msg::RunInfo> successors;
-  for (auto& [run, requests] : runs_)
-    if (requests.contender && !requests.process.here(Clock::now()))
-      successors.push_back(*std::exchange(requests.contender, std::nullopt));
+  for (auto& [key, run] : runs_)
+    if (run.contender && !run.process.here(Clock::now()))
+      successors.push_back(*std::exchange(run.contender, std::nullopt));
   for (const msg::RunInfo& info : successors) on_message(info);
 }
 
@@ -117,24 +128,20 @@ void Recorder::on_message(const msg::RunInfo& info) {
   }
   attempt([&] {
     const bool changed = store_.record(info);
-    const auto [known, fresh] = runs_.try_emplace({sender, info.run_id()});
-    StatRequests& requests = known->second;
-    info.ended() ? requests.process.forget() : requests.process.heard(Clock::now());
+    const RunKey key(sender, info.run_id());
+    const auto [known, fresh] = runs_.try_emplace(key);
+    Run& run = known->second;
+    info.ended() ? run.process.forget() : run.process.heard(Clock::now());
     // The other one was not a predecessor.
-    if (std::exchange(requests.contender, std::nullopt) && !std::exchange(requests.reported, true))
+    if (std::exchange(run.contender, std::nullopt) && !std::exchange(run.reported, true))
       report({seconds_since_epoch(), sender.session, sender.id, "alarm",
               "another process announces run " + std::to_string(info.run_id()) + " of '" + sender.id +
                   "' too: what it sends is not recorded"});
     if (changed || fresh) {
-      StatRequests next;
-      next.process = requests.process;
-      next.reported = requests.reported;
-      requests = std::move(next);
-      requests.updates.record(store_.recorded_updates(sender, info.run_id()));
-      requests.complete = Clock::now();
+      run.figures = {};
+      run.figures.record(store_.recorded_stats(sender, info.run_id()));
     }
-    requests.heard = Clock::now();
-    requests.made = std::max(requests.made, info.updates());
+    acknowledge(key);
     if (changed)
       report({seconds_since_epoch(), sender.session, sender.id, "run",
               std::string(info.agent().c_str()) + ", seed " + std::to_string(info.seed()) +
@@ -146,18 +153,8 @@ void Recorder::on_message(const msg::RunInfo& info) {
 }
 
 void Recorder::on_message(const msg::TrainingStat& stat) {
-  // Those of a process whose RunInfo has not arrived are requested once it has.
-  const auto run = runs_.find({Sender(stat.header()), stat.run_id()});
-  if (run == runs_.end()) return;
-  StatRequests& requests = run->second;
-  requests.made = std::max(requests.made, stat.update());
-  if (requests.updates.recorded().contains(stat.update())) return;
-  if (stat.update() >= requests.first && stat.update() <= requests.last) {
-    ++requests.answers;
-    requests.tries = 0;
-    requests.next = Clock::now() + kNextReplyTimeout;
-  }
-  if (stats_.size() >= options_.most_at_once) return;  // the store is stuck; they are requested later
+  // Those of a process whose RunInfo has not arrived come again once it has, and those that find the store stuck.
+  if (!runs_.contains({Sender(stat.header()), stat.log().stream()}) || stats_.size() >= options_.most_at_once) return;
   if (episodes_.empty() && stats_.empty()) first_waits_ = Clock::now();
   stats_.push_back(stat);
   wake_at(first_waits_ + options_.gather);
@@ -170,16 +167,26 @@ void Recorder::take() {
   }
 }
 
+void Recorder::commit_stats() {
+  std::set<RunKey> batch;
+  const auto figures_of = [&](const msg::TrainingStat& stat) -> RecordedNumbers& {
+    return runs_[*batch.emplace(stat.header(), stat.log().stream()).first].figures;
+  };
+  node_.traffic.repeated += std::erase_if(
+      stats_, [&](const msg::TrainingStat& stat) { return figures_of(stat).recorded().contains(stat.log().number()); });
+  if (!stats_.empty()) store_.record(stats_);
+  for (const msg::TrainingStat& stat : stats_) {
+    figures_of(stat).give_up(1, stat.log().first() - 1);
+    figures_of(stat).record(stat.log().number());
+  }
+  stats_.clear();
+  for (const RunKey& key : batch) acknowledge(key);
+}
+
 void Recorder::commit() {
   attempt([&] {
     for (auto info = infos_.begin(); info != infos_.end(); info = infos_.erase(info)) store_.describe(info->second);
-    if (!stats_.empty()) {
-      store_.record(stats_);
-      for (const msg::TrainingStat& stat : stats_)
-        if (const auto run = runs_.find({Sender(stat.header()), stat.run_id()}); run != runs_.end())
-          run->second.updates.record(stat.update());
-      stats_.clear();
-    }
+    commit_stats();
     if (!episodes_.empty()) {
       std::vector<Event> lost;
       const std::size_t fresh = store_.record(episodes_, &lost);
@@ -227,57 +234,6 @@ void Recorder::poll() {
     if (!full || failing_) break;
     wake_at(Clock::now());  // there may be more
   }
-  request_missing();
-}
-
-void Recorder::request_missing() {
-  const Clock::time_point now = Clock::now();
-  for (auto& [run, requests] : runs_) {
-    const Sender& sender = run.first;
-    if (now - requests.heard > options_.policy_silence) continue;
-    const auto gap = requests.updates.settled().gap(requests.made);
-    if (!gap) {
-      requests.complete = now;
-      requests.first = requests.last = 0;
-      requests.tries = 0;
-      continue;
-    }
-    if (failing_) continue;  // what arrives could not be kept
-    if (requests.first == 0) {
-      // New ones may be on their way, or wait for the next commit.
-      if (now - requests.complete < options_.request_after) {
-        wake_at(requests.complete + options_.request_after);
-        continue;
-      }
-    } else {
-      const std::uint64_t wanted = std::min<std::uint64_t>(requests.last - requests.first + 1, msg::MAX_STATS_ASKED);
-      if (requests.answers < wanted && now < requests.next) {
-        wake_at(requests.next);
-        continue;
-      }
-      if (!stats_.empty()) continue;  // the answers, before their commit
-      if (requests.answers == 0 && ++requests.tries >= kMaxTries) {
-        // A process that resumed from a checkpoint does not have what its predecessor did.
-        spdlog::info("updates {}..{} of '{}' are unavailable", gap->first, gap->second, sender.id);
-        requests.updates.give_up(gap->first, gap->second);
-        requests.first = requests.last = 0;
-        requests.tries = 0;
-        continue;
-      }
-    }
-    requests.first = gap->first;
-    requests.last = gap->second;
-    requests.answers = 0;
-    requests.next = now + options_.retry_after;
-    wake_at(requests.next);
-    msg::TrainingStatRequest request;
-    request.policy(sender.id);
-    request.policy_incarnation(sender.incarnation);
-    request.run_id(run.second);
-    request.first(requests.first);
-    request.last(requests.last);
-    node_.publish(request, sender.session);
-  }
 }
 
 void Recorder::finish(bool leave) {
@@ -291,6 +247,8 @@ void Recorder::finish(bool leave) {
   attempt([&] { store_.flush(true); });
   for (const Sender& environment : environments_)
     attempt([&] { acknowledge(environment, leave ? msg::LEAVES : msg::STOPS); });
+  for (const auto& [key, run] : runs_)
+    if (run.process.here(Clock::now())) acknowledge(key, msg::LEAVES);  // figures are kept all the same
 }
 
 }  // namespace citylearn

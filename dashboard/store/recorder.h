@@ -17,17 +17,15 @@
 namespace citylearn {
 
 /// Records in the store what services send: episodes (idl/episode.idl), training figures, runs and traversals. It makes
-/// itself known to each env_service, commits episodes in batches, and acknowledges them after the commit. It requests
-/// TrainingStats that did not arrive. While the store cannot be written (disk full), it acknowledges nothing, reports
-/// that, and tries again; the env_services keep their episodes. Belongs to the thread of its node.
+/// itself known to each env_service and policy_service, commits their records in batches, and acknowledges them after
+/// the commit. While the store cannot be written (disk full), it acknowledges nothing, reports that, and tries again;
+/// the services keep their records. Belongs to the thread of its node.
 class Recorder {
  public:
   struct Options {
-    std::size_t most_at_once = 2000;                        ///< episodes of a transaction
-    std::chrono::milliseconds gather = kCommitGather;       ///< the longest time that an episode waits for others
-    std::chrono::milliseconds request_after = kStatsDelay;  ///< TrainingStats may just be late
-    std::chrono::milliseconds retry_after = kStatsRetry;    ///< after no answer, or after a failure of the store
-    std::chrono::milliseconds policy_silence = kSilence;    ///< without RunInfo for this time nothing is requested
+    std::size_t most_at_once = 2000;                       ///< episodes of a transaction
+    std::chrono::milliseconds gather = kCommitGather;      ///< the longest time that a record waits for others
+    std::chrono::milliseconds retry_after = kCommitRetry;  ///< after a failure of the store
   };
   /// `node` and `store` must outlive it.
   Recorder(Node& node, Store& store, const Options& options);
@@ -57,26 +55,21 @@ class Recorder {
   bool failing() const { return failing_; }             ///< the store cannot be written
 
  private:
-  /// The state of requests to one policy_service process about one run.
-  struct StatRequests {
-    RecordedNumbers updates;  ///< given up: those that the process does not have
-    std::uint64_t made = 0;   ///< updates it has made
-    Clock::time_point heard;  ///< of its last RunInfo
+  /// The figures of one policy_service process about one run.
+  struct Run {
+    RecordedNumbers figures;  ///< by their numbers in the log; given up: those that the process does not have
     Presence process;
     std::optional<msg::RunInfo> contender;  ///< newest one of another process, accepted once this one is silent
     bool reported = false;                  ///< that another process continues this run too
-    Clock::time_point complete;
-    Clock::time_point next;
-    std::uint64_t first = 0, last = 0;  ///< requested; 0: nothing
-    std::uint64_t answers = 0;          ///< to that request
-    int tries = 0;                      ///< without an answer
   };
+  using RunKey = std::pair<Sender, std::uint64_t>;  // policy_service and run_id
   void take();
   void commit();
-  void request_missing();
+  void commit_stats();
   bool held_by_other_process(const msg::RunInfo& info);
   void promote_successors();
-  void acknowledge(const Sender& environment, msg::RecorderState recorder = msg::RECORDS);
+  void acknowledge(const Sender& environment, msg::ReaderState state = msg::READS);
+  void acknowledge(const RunKey& run, msg::ReaderState state = msg::READS);
   void report(Event event);
   bool attempt(const std::function<void()>& work);
   void wake_at(Clock::time_point time) { due_ = std::min(due_, time); }
@@ -85,14 +78,14 @@ class Recorder {
   Rejections rejections_{node_};
   Store& store_;
   const Options options_;
-  std::vector<msg::EpisodeStat> episodes_;                         // not committed yet
-  std::vector<msg::TrainingStat> stats_;                           // likewise
-  std::vector<Event> events_;                                      // likewise
-  std::map<Sender, msg::TraversalInfo> infos_;                     // likewise
-  std::set<Sender> endings_;                                       // likewise
-  Clock::time_point first_waits_;                                  // the first of them came
-  std::set<Sender> environments_;                                  // that run
-  std::map<std::pair<Sender, std::uint64_t>, StatRequests> runs_;  // by policy_service and run_id
+  std::vector<msg::EpisodeStat> episodes_;      // not committed yet
+  std::vector<msg::TrainingStat> stats_;        // likewise
+  std::vector<Event> events_;                   // likewise
+  std::map<Sender, msg::TraversalInfo> infos_;  // likewise
+  std::set<Sender> endings_;                    // likewise
+  Clock::time_point first_waits_;               // the first of them came
+  std::set<Sender> environments_;               // that run
+  std::map<RunKey, Run> runs_;
   Clock::time_point due_, next_try_;
   bool failing_ = false;
   bool behind_ = false;

@@ -256,6 +256,10 @@ CREATE INDEX runs_of_source ON run_sources (source);
 CREATE INDEX episodes_of_training ON episodes (run) WHERE evaluation = 0;
 )";
 
+const char* const kNumberedFigures = R"(
+ALTER TABLE training ADD COLUMN number INTEGER;  -- in the log of its process; NULL: its messages had none
+)";
+
 /// Returns whether there is something in the file. Throws Error when that is certainly not SQLite.
 bool holds_something(const std::string& path) {
   std::error_code none;
@@ -316,7 +320,8 @@ void keep_copy(SQLite::Database& database, const std::string& copy) {
 }  // namespace
 
 const std::vector<std::string>& schema_steps() {
-  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes, kLogged, kAlarms, kRoutes};
+  static const std::vector<std::string> steps = {kFirst,  kPlainNames, kRunsByName, kNotes,
+                                                 kLogged, kAlarms,     kRoutes,     kNumberedFigures};
   return steps;
 }
 

@@ -22,9 +22,9 @@ std::string escaped(const std::string& name) {
   return text;
 }
 
-/// Returns the INSERT of an update: its key, the incarnation, and every figure but the update itself.
+/// Returns the INSERT of an update: its key, the incarnation, its number in the log, and every other figure.
 std::string insert_training() {
-  std::string names = "key, incarnation", values = "?, ?";
+  std::string names = "key, incarnation, number", values = "?, ?, ?";
   for (const TrainingFigure& figure : training_figures().subspan(1)) {
     names += std::string(", ") + figure.name;
     values += ", ?";
@@ -119,7 +119,7 @@ Store::Impl::Statements::Statements(const SQLite::Database& d)
       add_to_count(d, "UPDATE runs SET recorded = recorded + ?2 WHERE id = ?1"),
       add_training(d, insert_training()),
       drop_training_from(d, "DELETE FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation <> ?3"),
-      process_updates(d, "SELECT key FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation = ?3 ORDER BY key"),
+      process_stats(d, "SELECT number FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation = ?3 ORDER BY key"),
       least_update(d, "SELECT key FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation = ?3 ORDER BY key LIMIT 1"),
       add_event(d, "INSERT INTO events (time, session, service, kind, text) VALUES (?, ?, ?, ?, ?)"),
       drop_events(d, "DELETE FROM events WHERE id <= ?"),
@@ -159,8 +159,8 @@ std::size_t Store::record(std::span<const msg::TrainingStat> stats) {
   return impl_->locked([&] { return impl_->record(stats); });
 }
 
-NumberSet Store::recorded_updates(const Sender& policy, std::uint64_t run_id) {
-  return impl_->locked([&] { return impl_->recorded_updates(policy, run_id); });
+NumberSet Store::recorded_stats(const Sender& policy, std::uint64_t run_id) {
+  return impl_->locked([&] { return impl_->recorded_stats(policy, run_id); });
 }
 
 void Store::record(const Event& event) {

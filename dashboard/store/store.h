@@ -79,8 +79,8 @@ class Store {
   /// Records updates of the newest process of each known run and ignores others. A process that went back to an older
   /// checkpoint replaces its predecessors' updates from its first one on. Returns how many it took.
   std::size_t record(std::span<const msg::TrainingStat> stats);
-  /// Returns the recorded updates of a run that this process made.
-  NumberSet recorded_updates(const Sender& policy, std::uint64_t run_id);
+  /// Returns the numbers, in its log, of the recorded updates of a run that this process made.
+  NumberSet recorded_stats(const Sender& policy, std::uint64_t run_id);
   void record(const Event& event);
   /// Returns the newest events, newest first.
   std::vector<Event> events(std::size_t limit);

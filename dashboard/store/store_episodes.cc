@@ -52,14 +52,15 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
   std::size_t fresh = 0;
   SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
   for (const msg::EpisodeStat& episode : episodes) {
-    if (episode.episode() == 0 || episode.episode() > kMaxEpisode || episode.acknowledged() >= kMaxEpisode) continue;
+    const std::uint64_t given_up = episode.log().first() - 1, episode_number = episode.log().number();
+    if (episode_number == 0 || episode_number > kMaxEpisode || given_up >= kMaxEpisode) continue;
     const Sender sender(episode.header());
     auto found = changes.find(sender);
     if (found == changes.end()) found = changes.emplace(sender, Change{source(sender)}).first;
     auto& [source, changed] = found->second;
     if (source.id == 0) source.id = add_source(sender);
     const NumberSet& settled = source.episodes.settled();
-    if (const std::uint64_t given_up = episode.acknowledged(); given_up > settled.reach()) {
+    if (given_up > settled.reach()) {
       // Others recorded these, and the env_service has forgotten them since.
       const std::uint64_t first = settled.reach() + 1;
       const std::uint64_t number = given_up - first + 1 - settled.count(first, given_up);
@@ -72,7 +73,7 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
         add(events.back());
       }
     }
-    if (!source.episodes.record(episode.episode())) continue;
+    if (!source.episodes.record(episode_number)) continue;
     changed = true;
     // Of several, that of the process whose settings these are, else the first one: another may merely name it.
     const KnownRun* known = find(sender.session, episode.run_id(), [&](const KnownRun& run) {
@@ -89,7 +90,7 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
       row = made;
     }
     SQLite::Statement& add_episode = statements->add_episode;
-    bind_values(add_episode, row, source.id, episode.episode(), episode.run_id(), episode.agent(), episode.evaluation(),
+    bind_values(add_episode, row, source.id, episode_number, episode.run_id(), episode.agent(), episode.evaluation(),
                 episode.task(), episode.traversal().c_str(), episode.policy().c_str(), episode.update(),
                 episode.shuffled(), episode.start(), episode.goal(), episode.steps(), episode.shortest(),
                 episode.reward(), episode.completed(), spl_of(episode.completed(), episode.shortest(), episode.steps()),

@@ -31,7 +31,7 @@ struct Store::Impl {
   bool record(const msg::RunInfo& info);
   void mark_ended(const Sender& policy);
   std::size_t record(std::span<const msg::TrainingStat> stats);
-  NumberSet recorded_updates(const Sender& policy, std::uint64_t run_id);
+  NumberSet recorded_stats(const Sender& policy, std::uint64_t run_id);
   void flush(bool at_once);
   void load_runs();
 
@@ -75,7 +75,7 @@ struct Store::Impl {
     SQLite::Statement add_episode, add_run_source, count_episodes;
     SQLite::Statement add_run, add_unclaimed, find_unclaimed, update_run, run_liveness, run_ended;
     SQLite::Statement claim_episodes, claim_sources, add_to_count;
-    SQLite::Statement add_training, drop_training_from, process_updates, least_update;
+    SQLite::Statement add_training, drop_training_from, process_stats, least_update;
     SQLite::Statement add_event, drop_events, events;
   };
 

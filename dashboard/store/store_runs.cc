@@ -125,7 +125,7 @@ std::size_t Store::Impl::record(std::span<const msg::TrainingStat> stats) {
   SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
   for (const msg::TrainingStat& stat : stats) {
     if (stat.update() == 0 || stat.update() > kMaxUpdate) continue;
-    KnownRun* known = find_of(Sender(stat.header()), stat.run_id());
+    KnownRun* known = find_of(Sender(stat.header()), stat.log().stream());
     if (!known) continue;
     const std::int64_t key = training_key(known->row, stat.update());
     std::uint64_t& least = leasts.try_emplace(known, known->least).first->second;
@@ -134,8 +134,8 @@ std::size_t Store::Impl::record(std::span<const msg::TrainingStat> stats) {
       run(statements->drop_training_from, key, training_key(known->row, kMaxUpdate), known->incarnation);
       least = stat.update();
     }
-    SQLite::Statement& row = bind_values(statements->add_training, key, known->incarnation);
-    int column = 2;
+    SQLite::Statement& row = bind_values(statements->add_training, key, known->incarnation, stat.log().number());
+    int column = 3;
     for (const TrainingFigure& figure : training_figures().subspan(1)) bind_value(row, ++column, figure.value(stat));
     row.exec();
     ++taken;
@@ -145,14 +145,14 @@ std::size_t Store::Impl::record(std::span<const msg::TrainingStat> stats) {
   return taken;
 }
 
-NumberSet Store::Impl::recorded_updates(const Sender& policy, std::uint64_t run_id) {
-  NumberSet updates;
+NumberSet Store::Impl::recorded_stats(const Sender& policy, std::uint64_t run_id) {
+  NumberSet numbers;
   const KnownRun* known = find_of(policy, run_id);
-  if (!known) return updates;
-  SQLite::Statement& row = bind_values(statements->process_updates, training_key(known->row, 1),
+  if (!known) return numbers;
+  SQLite::Statement& row = bind_values(statements->process_stats, training_key(known->row, 1),
                                        training_key(known->row, kMaxUpdate), policy.incarnation);
-  while (row.executeStep()) updates.add(update_of(value_at<std::int64_t>(row, 0)));
-  return updates;
+  while (row.executeStep()) numbers.add(value_at<std::uint64_t>(row, 0));
+  return numbers;
 }
 
 void Store::Impl::flush(bool at_once) {

@@ -154,7 +154,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
   }
   session_ = std::make_unique<LearnerSession>(node_, info, workers_);
-  session_->outbox.begin(session_->learner(), acknowledged_[info.header().incarnation()]);
+  session_->outbox.begin(info.header(), acknowledged_[info.header().incarnation()]);
   client_.require(session_->requirements());
   warned_ = false;
   next_status_ = Clock::now();
@@ -333,7 +333,6 @@ void Actor::send_segment(EnvHandle& env, Served& served) {
   for (int agent = 0; agent < rollout.inputs.agents; ++agent) {
     msg::Trajectory& trajectory = s.outbox.add();
     trajectory.learner() = s.info().header().sender();
-    trajectory.learner_incarnation() = s.info().header().incarnation();
     trajectory.environment() = env.id.c_str();
     trajectory.agent() = static_cast<std::uint32_t>(agent);
     trajectory.settings() = served.settings;
@@ -349,8 +348,8 @@ void Actor::send_segment(EnvHandle& env, Served& served) {
 }
 
 void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement) {
-  if (!session_ || acknowledgement.actor() != node_.options().id ||
-      acknowledgement.actor_incarnation() != node_.incarnation() ||
+  if (!session_ || acknowledgement.writer() != node_.options().id ||
+      acknowledgement.writer_incarnation() != node_.incarnation() ||
       !of_learner(acknowledgement.header(), "an acknowledgement"))
     return;
   answered_ = true;

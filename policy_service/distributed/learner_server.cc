@@ -154,7 +154,7 @@ void LearnerServer::on_status(const msg::ActorStatus& status) {
 
 void LearnerServer::on_trajectory(msg::Trajectory& trajectory) {
   const std::string id = trajectory.header().sender().c_str();
-  if (trajectory.learner() != node_.options().id || trajectory.learner_incarnation() != node_.incarnation()) {
+  if (trajectory.learner() != node_.options().id || trajectory.log().stream() != node_.incarnation()) {
     ++node_.traffic.repeated;
     return;
   }
@@ -179,8 +179,9 @@ void LearnerServer::acknowledge(const std::string& actor) {
   const auto found = actors_.find(actor);
   if (found == actors_.end()) return;  // its status will come
   const TrajectoryQueue::Window window = queue_.window(actor);
-  acknowledgement_.actor() = actor.c_str();
-  acknowledgement_.actor_incarnation() = found->second.presence.incarnation();
+  acknowledgement_.writer() = actor.c_str();
+  acknowledgement_.writer_incarnation() = found->second.presence.incarnation();
+  acknowledgement_.stream() = node_.incarnation();
   acknowledgement_.number() = window.number;
   acknowledgement_.limit() = window.limit;
   node_.publish(acknowledgement_);

@@ -122,36 +122,32 @@ void TrajectoryQueue::check(const msg::Trajectory& trajectory, std::uint64_t ver
   require(all_finite(trajectory.reward()), "reward", "is not all finite");
 }
 
-TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::uint64_t version,
-                                             Clock::time_point now) {
+TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::uint64_t version) {
   const std::string actor = trajectory.header().sender().c_str();
   Actor& known = known_[actor];
   if (known.incarnation == 0) known.incarnation = trajectory.header().incarnation();
-  if (!known.early.empty() && room(known) > 0 && now - known.waits >= kTrajectoryGiveUp) {
-    known.number = known.early.begin()->first - 1;
-    enqueue(actor, known, now);
-  }
-  const std::uint64_t number = trajectory.number();
-  if (trajectory.header().incarnation() != known.incarnation || number <= known.number || known.early.contains(number))
-    return Taken::kRepeated;
+  const std::uint64_t number = trajectory.log().number(), never = trajectory.log().first() - 1;
+  if (trajectory.header().incarnation() != known.incarnation) return Taken::kRepeated;
+  if (never > known.number + room(known)) return Taken::kNoRoom;
+  enqueue(actor, known, never);
+  if (number <= known.number || known.early.contains(number)) return Taken::kRepeated;
   if (number > known.number + room(known)) return Taken::kNoRoom;
   check(trajectory, version);
-  if (known.early.empty()) known.waits = now;
   known.early.emplace(number, std::move(trajectory));
-  enqueue(actor, known, now);
+  enqueue(actor, known, known.number);
   return Taken::kTaken;
 }
 
-/// Queues what has come without a gap.
-void TrajectoryQueue::enqueue(const std::string& actor, Actor& known, Clock::time_point now) {
-  while (!known.early.empty() && known.early.begin()->first == known.number + 1) {
-    follow(actor, known.early.begin()->second);
-    queue_.push_back({actor, known.incarnation, std::move(known.early.begin()->second)});
-    known.early.erase(known.early.begin());
-    known.waits = now;
-    ++known.number;
+/// Queues what has come without a gap. No number up to `up_to` that is missing comes any more.
+void TrajectoryQueue::enqueue(const std::string& actor, Actor& known, std::uint64_t up_to) {
+  for (auto next = known.early.begin(); next != known.early.end() && next->first <= std::max(known.number, up_to) + 1;
+       next = known.early.erase(next)) {
+    follow(actor, next->second);
+    known.number = next->first;
+    queue_.push_back({actor, known.incarnation, std::move(next->second)});
     ++known.queued;
   }
+  known.number = std::max(known.number, up_to);
 }
 
 /// Sums up the agent's episodes, which continue from one trajectory to the next.

@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "core/exchange/timing.h"
 #include "core/wire/messages.h"
 #include "policy_service/rollout/collector.h"
 #include "policy_service/rollout/rollout.h"
@@ -42,12 +41,13 @@ class TrajectoryQueue {
   void share_among(int actors) { actors_ = actors; }
 
   enum class Taken { kTaken, kRepeated, kNoRoom };
-  /// `trajectory` is moved from when it is taken. `version` is the newest of the parameters. A number that later ones
-  /// wait for in vain is given up after kTrajectoryGiveUp. Throws Error naming the field when it is not like the shape.
-  Taken take(msg::Trajectory& trajectory, std::uint64_t version, Clock::time_point now = Clock::now());
+  /// `trajectory` is moved from when it is taken. `version` is the newest of the parameters. Those before the first one
+  /// that the actor keeps are not waited for: it was told in this learner's name that they came. Throws Error naming
+  /// the field when it is not like the shape.
+  Taken take(msg::Trajectory& trajectory, std::uint64_t version);
 
   struct Window {
-    std::uint64_t number = 0, limit = 0;  ///< as in TrajectoryAcknowledgement
+    std::uint64_t number = 0, limit = 0;  ///< as in LogAcknowledgement
   };
   Window window(const std::string& actor) const;
 
@@ -68,7 +68,6 @@ class TrajectoryQueue {
     std::uint64_t incarnation = 0, number = 0;       ///< all up to `number` are taken
     std::size_t queued = 0;                          ///< of this incarnation
     std::map<std::uint64_t, msg::Trajectory> early;  ///< after a gap
-    Clock::time_point waits{};                       ///< since when they wait for the gap to be filled
   };
   struct Entry {
     std::string actor;
@@ -84,7 +83,7 @@ class TrajectoryQueue {
   };
 
   void check(const msg::Trajectory& trajectory, std::uint64_t version) const;
-  void enqueue(const std::string& actor, Actor& known, Clock::time_point now);
+  void enqueue(const std::string& actor, Actor& known, std::uint64_t up_to);
   void follow(const std::string& actor, const msg::Trajectory& trajectory);
   std::size_t room(const Actor& actor) const;
   void leave(const Entry& entry);

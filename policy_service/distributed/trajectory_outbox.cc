@@ -5,10 +5,12 @@
 
 namespace citylearn {
 
-void TrajectoryOutbox::begin(const std::string& learner, std::uint64_t acknowledged) {
+void TrajectoryOutbox::begin(const msg::Header& learner, std::uint64_t acknowledged) {
   waiting_.clear();
+  stream_ = learner.incarnation();
   // A writer's history is little deeper than the credit window.
-  log_ = LogSender({.resend_window = 16, .send_window = 0, .credit_window = 48}, {learner}, acknowledged + 1);
+  log_ = LogSender({.resend_window = 16, .send_window = 0, .credit_window = 48}, {learner.sender().c_str()},
+                   acknowledged + 1);
 }
 
 /// Updates the queue's metrics. Its capacity is the room that the learner gives.
@@ -19,22 +21,22 @@ void TrajectoryOutbox::show_queue() {
 
 msg::Trajectory& TrajectoryOutbox::add() {
   msg::Trajectory& trajectory = waiting_.emplace_back();
-  trajectory.number() = log_.add();
+  log_.add();
   show_queue();
   return trajectory;
 }
 
 void TrajectoryOutbox::send_due() {
   while (const auto next = log_.next(Clock::now())) {
-    node_.publish(waiting_[static_cast<std::size_t>(next->number - log_.acknowledged() - 1)]);
+    msg::Trajectory& trajectory = waiting_[static_cast<std::size_t>(next->number - log_.acknowledged() - 1)];
+    trajectory.log() = log_.position(next->number, stream_);
+    node_.publish(trajectory);
     if (next->again) ++node_.traffic.resent;
   }
 }
 
-LogSender::Acknowledged TrajectoryOutbox::acknowledge(const msg::TrajectoryAcknowledgement& acknowledgement) {
-  const LogSender::Acknowledged result = log_.acknowledge(
-      {.from = acknowledgement.header(), .number = acknowledgement.number(), .limit = acknowledgement.limit()},
-      Clock::now());
+LogSender::Acknowledged TrajectoryOutbox::acknowledge(const msg::LogAcknowledgement& acknowledgement) {
+  const LogSender::Acknowledged result = log_.acknowledge(acknowledgement, Clock::now());
   while (waiting_.size() > log_.kept()) waiting_.pop_front();
   show_queue();
   return result;

@@ -16,14 +16,14 @@ class TrajectoryOutbox {
  public:
   explicit TrajectoryOutbox(Node& node) : node_(node) {}
 
-  /// Begins a list for this learner behind a number: the learner has those up to it from this process.
-  void begin(const std::string& learner, std::uint64_t acknowledged);
+  /// Begins a list for this process of a learner behind a number: the learner has those up to it from this process.
+  void begin(const msg::Header& learner, std::uint64_t acknowledged);
   /// Adds a trajectory, for the caller to fill in, and numbers it.
   msg::Trajectory& add();
   /// Sends what there is room for, and the first ones again when it is time to.
   void send_due();
   /// Reads all fields of the acknowledgement but its receiver.
-  LogSender::Acknowledged acknowledge(const msg::TrajectoryAcknowledgement& acknowledgement);
+  LogSender::Acknowledged acknowledge(const msg::LogAcknowledgement& acknowledgement);
 
   std::uint64_t last() const { return log_.last(); }  ///< number of the last trajectory
   std::uint64_t sent() const { return log_.sent(); }  ///< number of the last one that was sent
@@ -35,6 +35,7 @@ class TrajectoryOutbox {
 
   Node& node_;
   LogSender log_{LogOptions()};
+  std::uint64_t stream_ = 0;
   std::deque<msg::Trajectory> waiting_;  ///< acknowledged() + 1 .. last()
 };
 

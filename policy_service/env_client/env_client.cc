@@ -210,7 +210,7 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     env.id = info.header().sender().c_str();
     if (fresh) env.until_restart = false;
     env.invalid = 0;
-    env.in_force = env.waiting = env.busy = false;
+    env.in_force = env.waiting = env.busy = env.episodes_missing = false;
     env.features.reset();
     env.acknowledged = 0;
   } else if (commanded && info.settings() == env.settings.settings()) {
@@ -454,12 +454,12 @@ void EnvClient::acknowledge(EnvHandle& env, std::uint64_t episode) {
   send_acknowledgement(env);
 }
 
-void EnvClient::send_acknowledgement(const EnvHandle& env, msg::RecorderState recorder) {
+void EnvClient::send_acknowledgement(const EnvHandle& env, msg::ReaderState state) {
   msg::EpisodeAcknowledgement acknowledgement;
-  acknowledgement.environment() = env.id.c_str();
-  acknowledgement.environment_incarnation() = env.incarnation();
-  acknowledgement.episode() = env.acknowledged;
-  acknowledgement.recorder() = recorder;
+  acknowledgement.writer() = env.id.c_str();
+  acknowledgement.writer_incarnation() = env.incarnation();
+  acknowledgement.number() = env.acknowledged;
+  acknowledgement.state() = state;
   node_.publish(acknowledgement);
 }
 
@@ -470,7 +470,11 @@ void EnvClient::begin_recording() {
 
 void EnvClient::end_recording() {
   records_ = false;
-  for (const auto& [id, env] : envs_) send_acknowledgement(*env, msg::LEAVES);
+  for (const auto& [id, env] : envs_) {
+    send_acknowledgement(*env, env->episodes_missing ? msg::STOPS : msg::LEAVES);
+    if (env->alive() && env->episodes_missing)
+      spdlog::warn("episodes of env_service '{}' did not arrive: it keeps them until the run goes on (--resume)", id);
+  }
 }
 
 std::vector<float> EnvClient::fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience) {

@@ -57,7 +57,7 @@ class EnvClient {
   void acknowledge(EnvHandle& env, std::uint64_t episode);
   /// Makes every env_service keep its episodes until acknowledge(), beginning with all that it still has.
   void begin_recording();
-  /// Lets env_services stop keeping episodes for this process.
+  /// Lets env_services stop keeping episodes for this id, but for those that have some for its next process.
   void end_recording();
 
   /// Returns the id of the living policy_service that the env_service works for instead of this one; empty: of none.
@@ -93,7 +93,7 @@ class EnvClient {
   bool answers_requests(const EnvHandle& env) const;
   void ask_for_features();
   void send_due_settings();
-  void send_acknowledgement(const EnvHandle& env, msg::RecorderState recorder = msg::RECORDS);
+  void send_acknowledgement(const EnvHandle& env, msg::ReaderState state = msg::READS);
 
   Node& node_;
   EnvClientOptions options_;

@@ -68,7 +68,7 @@ void EpisodeLog::load() {
 
 EpisodeLog::Received& EpisodeLog::received_from(const msg::EpisodeStat& episode) {
   Received& received = received_[{episode.header().sender().c_str(), episode.header().incarnation()}];
-  received.episodes.give_up(1, episode.acknowledged());
+  received.episodes.give_up(1, episode.log().first() - 1);
   return received;
 }
 
@@ -82,14 +82,14 @@ void EpisodeLog::write_in_order(Received& received) {
 
 void EpisodeLog::skip(const msg::EpisodeStat& episode) {
   Received& received = received_from(episode);
-  received.episodes.record(episode.episode());
+  received.episodes.record(episode.log().number());
   write_in_order(received);
 }
 
 bool EpisodeLog::record(const msg::EpisodeStat& episode) {
   if (file_ && file_->waiting() > kMaxWaitingBytes) return false;
   Received& received = received_from(episode);
-  const std::uint64_t number = episode.episode();
+  const std::uint64_t number = episode.log().number();
   if (received.early.size() >= kMaxEarlyRows && number > received.episodes.settled().reach() + 1) return false;
   if (!received.episodes.record(number)) return false;
   ++total_;
@@ -100,6 +100,11 @@ bool EpisodeLog::record(const msg::EpisodeStat& episode) {
                   episode.shortest(), episode.reward(), episode.completed() ? 1 : 0);
   write_in_order(received);
   return true;
+}
+
+bool EpisodeLog::has_gap(const std::string& environment, std::uint64_t incarnation) const {
+  const auto found = received_.find({environment, incarnation});
+  return found != received_.end() && !found->second.early.empty();
 }
 
 std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t incarnation) {

@@ -35,6 +35,8 @@ class EpisodeLog {
   /// Waits until the rows are on the disk and returns the number up to which all of this env_service's episodes are
   /// recorded. When that fails (disk full), problem() says why and the number stays as it was.
   std::uint64_t recorded(const std::string& environment, std::uint64_t incarnation);
+  /// Returns whether later episodes of this env_service have come than one that is missing.
+  bool has_gap(const std::string& environment, std::uint64_t incarnation) const;
   std::string problem() const { return file_ ? file_->problem() : ""; }
   std::uint64_t total() const { return total_; }
 

@@ -3,15 +3,18 @@
 
 #include <spdlog/spdlog.h>
 
-#include <algorithm>
-
 #include "core/exchange/timing.h"
 
 namespace citylearn {
+namespace {
 
-RunAnnouncer::RunAnnouncer(Node& node, const Run& run) : node_(node), first_(run.updates + 1) {
+constexpr int kResendBatch = 64;  // figures between two checks for messages: a quarter of what a writer keeps
+
+}  // namespace
+
+RunAnnouncer::RunAnnouncer(Node& node, const Run& run) : node_(node), log_({.keeps_all = true}) {
   node_.create_writer<msg::TrainingStat>();
-  node_.create_reader<msg::TrainingStatRequest>();
+  node_.create_reader<msg::TrainingAcknowledgement>();
   info_.agent() = run.agent.c_str();
   info_.learner() = run.learner.c_str();
   info_.seed() = run.seed;
@@ -25,8 +28,9 @@ RunAnnouncer::RunAnnouncer(Node& node, const Run& run) : node_(node), first_(run
 }
 
 void RunAnnouncer::add(msg::TrainingStat& stat) {
-  stat.run_id() = info_.run_id();
+  stat.log() = log_.position(log_.add(), info_.run_id());
   node_.publish(stat);
+  log_.next(Clock::now());  // it went out
   node_.metrics().set(stat);
   info_.updates() = stat.update();
   Bytes bytes;
@@ -35,25 +39,33 @@ void RunAnnouncer::add(msg::TrainingStat& stat) {
   stats_.insert(stats_.end(), bytes.begin(), bytes.end());
 }
 
+void RunAnnouncer::on_acknowledgement() {
+  if (acknowledgement_.writer() != node_.options().id || acknowledgement_.writer_incarnation() != node_.incarnation() ||
+      acknowledgement_.stream() != info_.run_id())
+    return;
+  const LogSender::Acknowledged result = log_.acknowledge(acknowledgement_, Clock::now());
+  if (result == LogSender::Acknowledged::kRepeated) ++node_.traffic.repeated;
+  if (result == LogSender::Acknowledged::kImpossible)
+    rejections_.add(acknowledgement_.header(), "an acknowledgement of updates that were not made");
+  if (result == LogSender::Acknowledged::kTooMany)
+    rejections_.add(acknowledgement_.header(), "an acknowledgement of one reader of figures too many");
+}
+
 void RunAnnouncer::handle() {
-  while (node_.take(request_)) {
-    if (request_.policy() != node_.options().id || request_.policy_incarnation() != node_.incarnation() ||
-        request_.run_id() != info_.run_id())
-      continue;
-    const std::uint64_t kept = size_ > 0 ? stats_.size() / size_ : 0;
-    const std::uint64_t first = std::max<std::uint64_t>(request_.first(), first_);
-    for (std::uint64_t update = first; update - first < msg::MAX_STATS_ASKED; ++update) {
-      if (update > request_.last() || update - first_ >= kept) break;
-      decode(std::span<const std::byte>(stats_).subspan((update - first_) * size_, size_), stat_);
-      node_.publish(stat_);
-      ++node_.traffic.resent;
-    }
+  while (node_.take(acknowledgement_)) on_acknowledgement();
+  for (int count = 0; count < kResendBatch; ++count) {
+    const auto next = log_.next(Clock::now());
+    if (!next) break;
+    decode(std::span<const std::byte>(stats_).subspan((next->number - 1) * size_, size_), stat_);
+    node_.publish(stat_);
+    ++node_.traffic.resent;
   }
   if (Clock::now() >= next_info_) send_info();
 }
 
 void RunAnnouncer::end() {
   info_.ended() = true;
+  log_.hurry(Clock::now());
   send_info();
 }
 

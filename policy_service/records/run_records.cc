@@ -134,7 +134,10 @@ void RunRecords::handle() {
 void RunRecords::acknowledge(bool all) {
   const Clock::time_point begin = Clock::now();
   if (to_acknowledge_.empty() || (!all && begin < next_acknowledgement_)) return;
-  for (EnvHandle* env : to_acknowledge_) client_.acknowledge(*env, episodes_->recorded(env->id, env->incarnation()));
+  for (EnvHandle* env : to_acknowledge_) {
+    env->episodes_missing = episodes_->has_gap(env->id, env->incarnation());
+    client_.acknowledge(*env, episodes_->recorded(env->id, env->incarnation()));
+  }
   to_acknowledge_.clear();
   const Clock::time_point end = Clock::now();
   next_acknowledgement_ = end + std::max<Clock::duration>(kAcknowledgeGather, kShareOfDisk * (end - begin));

@@ -56,10 +56,12 @@ class RunRecords {
   void save_evaluated(Checkpoint checkpoint, double spl);
   /// Returns the best checkpoint of this run; null without --output.
   const BestCheckpoint* best() const { return best_ ? &*best_ : nullptr; }
-  /// Acknowledges episodes, answers requests and retries failed writes. Call it whenever messages were handled.
+  /// Acknowledges episodes, sends figures again and retries failed writes. Call it whenever messages were handled.
   void handle();
   /// Acknowledges the episodes that were recorded: all, or not so often that waiting for the disk takes much time.
   void acknowledge(bool all = true);
+  /// Returns whether a service that watches the run lacks figures and is alive as far as is known.
+  bool reader_expected() const { return announcer_ && announcer_->reader_expected(); }
   /// Tries everything once more. Throws Error when something cannot be written.
   void require_all_written();
   /// Announces that the run has ended.

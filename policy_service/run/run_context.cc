@@ -190,15 +190,17 @@ void RunContext::leave() {
   idle.task_mode() = msg::IDLE;
   for (const auto& [id, env] : client.envs())
     if (env->alive() && env->settings.settings().version() != 0) client.command(*env, idle);
-  const Clock::time_point deadline = Clock::now() + kReleaseTimeout;
-  const auto pending = [this] {
-    return std::any_of(client.envs().begin(), client.envs().end(), [](const auto& entry) {
-      const EnvHandle& env = *entry.second;
-      return env.alive() && env.settings.settings().version() != 0 && !env.in_force;
-    });
+  const Clock::time_point begin = Clock::now();
+  const auto awaited = [&](const auto& entry) {
+    const EnvHandle& env = *entry.second;
+    const bool idle_soon = Clock::now() - begin < kReleaseTimeout && env.settings.settings().version() != 0;
+    return env.alive() && ((idle_soon && !env.in_force) || env.episodes_missing);
   };
-  while (pending() && Clock::now() < deadline && !stop_requested()) {
-    client.spin(deadline);
+  // What did not arrive comes again: an env_service would drop the episodes, and this process ends with its figures.
+  while (!stop_requested() && Clock::now() - begin < kLinger &&
+         (records.reader_expected() || std::any_of(client.envs().begin(), client.envs().end(), awaited))) {
+    client.spin(begin + kLinger);
+    records.handle();
     records.acknowledge();
   }
   client.end_recording();

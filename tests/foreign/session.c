@@ -163,7 +163,7 @@ static void meet(Session* session, EnvService* env) {
   env->task_settings = own_endpoint(session, env, &citylearn_msg_TaskSettings_desc, "task_settings", true, 64);
   env->actions = own_endpoint(session, env, &citylearn_msg_Action_desc, "action", true, 1);
   env->acknowledgements =
-      own_endpoint(session, env, &citylearn_msg_EpisodeAcknowledgement_desc, "episode_acknowledgement", true, 64);
+      own_endpoint(session, env, &citylearn_msg_LogAcknowledgement_desc, "episode_acknowledgement", true, 64);
 }
 
 static bool same(const citylearn_msg_SettingsId* a, const citylearn_msg_SettingsId* b) {
@@ -229,13 +229,13 @@ static void send_action(Session* session, EnvService* env) {
 }
 
 static void send_acknowledgement(Session* session, EnvService* env, bool leaving) {
-  citylearn_msg_EpisodeAcknowledgement message;
+  citylearn_msg_LogAcknowledgement message;
   memset(&message, 0, sizeof message);
   stamp(session, &message.header, ++session->sent_acknowledgements);
-  memcpy(message.environment, env->id, sizeof message.environment);
-  message.environment_incarnation = env->incarnation;
-  message.episode = env->recorded;
-  message.recorder = leaving ? citylearn_msg_LEAVES : citylearn_msg_RECORDS;
+  memcpy(message.writer, env->id, sizeof message.writer);
+  message.writer_incarnation = env->incarnation;
+  message.number = env->recorded;
+  message.state = leaving ? citylearn_msg_LEAVES : citylearn_msg_READS;
   require(dds_write(env->acknowledgements, &message), "acknowledge");
   env->acknowledge = false;
   env->next_acknowledgement = dds_time() + DDS_SECS(1);
@@ -318,9 +318,9 @@ static void on_observation(Session* session, const citylearn_msg_Observation* se
 static void on_episode(Session* session, const citylearn_msg_EpisodeStat* episode) {
   EnvService* env = sender(session, &episode->header);
   if (!env) return;
-  if (episode->acknowledged > env->recorded) env->recorded = episode->acknowledged;  // by somebody before us
+  if (episode->log.first > env->recorded + 1) env->recorded = episode->log.first - 1;  // those before never come
   env->acknowledge = true;
-  if (episode->episode != env->recorded + 1) return;  // known, or there is a gap: what is missing comes again
+  if (episode->log.number != env->recorded + 1) return;  // known, or there is a gap: what is missing comes again
   ++env->recorded;
   if (env->policy && same(&episode->settings, &env->settings.settings))
     env->policy->finished(env->policy->self, env, episode);

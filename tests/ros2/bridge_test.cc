@@ -209,6 +209,8 @@ TEST(Ros2Conversions, WhatStandsBeforeADamageIsConverted) {
     update.header().session("demo");
     update.header().sender("policy");
     for (std::uint64_t number = 1; number <= 5'000; ++number) {
+      update.log().number(number);
+      update.log().first(1);
       update.update(number);
       tape.say(update, 1'000'000 * number);
     }

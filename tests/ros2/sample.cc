@@ -122,7 +122,8 @@ class Sample {
     stat.reward(0.5f);
     stat.completed(true);
     for (std::uint64_t episode = 1; episode <= 3; ++episode) {
-      stat.episode(episode);
+      stat.log().number(episode);
+      stat.log().first(1);
       stat.agent(episode == 2 ? 200 : 0);  // the second one is of an agent that is not shown
       if (episode == 3) stat.completed(false);
       const std::uint64_t time = kBegin + (20 + episode) * kStep;
@@ -133,7 +134,9 @@ class Sample {
       expect("env_summer/agent_0/episode/spl", "std_msgs/msg/Float32", time, {{"data", episode == 1 ? 0.5 : 0.0}});
     }
     msg::TrainingStat update;
-    update.run_id(9);
+    update.log().stream(9);
+    update.log().number(1);
+    update.log().first(1);
     update.update(1);
     update.reward(kNan);  // before the first episode
     update.spl(0.75f);

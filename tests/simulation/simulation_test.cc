@@ -70,8 +70,8 @@ TEST(Simulation, AMessageReachesAsManyServicesHoweverManyHostsThereAre) {
           << message << "\n"
           << output.text;
     };
-    for (const char* message :
-         {"action", "observation", "episode_acknowledgement", "trajectory", "trajectory_acknowledgement"})
+    for (const char* message : {"action", "observation", "episode_acknowledgement", "training_acknowledgement",
+                                "trajectory", "trajectory_acknowledgement"})
       expect_copies(message, "1.0");
     expect_copies("episode_stat", "3.0");
     expect_copies("training_stat", "2.0");

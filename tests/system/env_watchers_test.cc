@@ -89,7 +89,7 @@ TEST_P(EnvWatchers, EveryRecorderGetsEveryEpisode) {
       commanded += 8;
     }
     return std::any_of(stored.begin(), stored.end(),
-                       [&](const auto& entry) { return entry.second.acknowledged() >= count; });
+                       [&](const auto& entry) { return entry.second.log().first() > count; });
   }));
   for (const auto& [number, stat] : stored) {
     if (number > count) break;

@@ -33,14 +33,14 @@ void TrajectoryReplay::on_info(const msg::LearnerInfo& info) {
                   "learner '" + info.header().sender().to_string() + "'", "play it again");
     spdlog::info("plays to learner '{}'", info.header().sender().c_str());
     next_status_ = progress_ = Clock::now();
-    outbox_.begin(info.header().sender().c_str(), 0);
+    outbox_.begin(info.header(), 0);
   }
   info_ = info;
   ended_ = !info.training();
 }
 
 void TrajectoryReplay::on_acknowledgement(const msg::TrajectoryAcknowledgement& a) {
-  if (a.actor() != node_.options().id || a.actor_incarnation() != node_.incarnation() ||
+  if (a.writer() != node_.options().id || a.writer_incarnation() != node_.incarnation() ||
       a.header().incarnation() != info_.header().incarnation())
     return;
   const std::uint64_t before = outbox_.acknowledged();
@@ -85,18 +85,12 @@ bool TrajectoryReplay::fetch() {
       continue;
     }
     const msg::Header& header = trajectory.header();
-    if (!seen_
-             .emplace(header.sender().c_str(), header.incarnation(), trajectory.learner_incarnation(),
-                      trajectory.number())
-             .second)
-      continue;
+    const msg::LogPosition& log = trajectory.log();
+    if (!seen_.emplace(header.sender().c_str(), header.incarnation(), log.stream(), log.number()).second) continue;
     require_fits(trajectory);
     trajectory.learner() = info_.header().sender();
-    trajectory.learner_incarnation() = info_.header().incarnation();
     trajectory.version() = std::min(trajectory.version(), info_.version());
-    msg::Trajectory& added = outbox_.add();
-    trajectory.number() = added.number();
-    added = std::move(trajectory);
+    outbox_.add() = std::move(trajectory);
     return true;
   }
   return false;

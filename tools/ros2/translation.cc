@@ -181,8 +181,8 @@ void Ros2Translation::on_message(const msg::Action& action, std::uint64_t time) 
 
 void Ros2Translation::on_message(const msg::EpisodeStat& stat, std::uint64_t time) {
   Environment& from = environment(stat.header().sender().c_str(), stat.header().incarnation());
-  if (stat.episode() <= from.episode) return;  // sent again
-  from.episode = stat.episode();
+  if (stat.log().number() <= from.episode) return;  // sent again
+  from.episode = stat.log().number();
   if (stat.agent() >= options_.agents) return;
   publish(topic(from, stat.agent(), "episode/reward"), holding<standard::Float32_>(stat.reward()), time);
   const double spl = spl_of(stat.completed(), stat.shortest(), stat.steps());
@@ -191,7 +191,7 @@ void Ros2Translation::on_message(const msg::EpisodeStat& stat, std::uint64_t tim
 
 void Ros2Translation::on_message(const msg::TrainingStat& stat, std::uint64_t time) {
   const std::string id = stat.header().sender().c_str();
-  const std::pair update(stat.run_id(), stat.update());
+  const std::pair update(stat.log().stream(), stat.update());
   auto& newest = updates_[id];
   if (update <= newest) return;  // sent again
   newest = update;

@@ -75,8 +75,8 @@ class Chronicle {
     while (node_.take(stat_)) note_news(stat_.header().incarnation());
     while (node_.take(episode_)) {
       const Source source{episode_.header().sender().c_str(), episode_.header().incarnation()};
-      episodes[source][episode_.episode()] = {episode_.run_id(), episode_.settings().incarnation()};
-      discarded_[source] = std::max<std::uint64_t>(discarded_[source], episode_.acknowledged());
+      episodes[source][episode_.log().number()] = {episode_.run_id(), episode_.settings().incarnation()};
+      discarded_[source] = std::max<std::uint64_t>(discarded_[source], episode_.log().first() - 1);
       note_news(source.incarnation);
       note_news(episode_.settings().incarnation());
     }
@@ -164,13 +164,13 @@ class Chronicle {
     program->settled = status.service_state() != msg::STARTING;
   }
   void on_acknowledgement(const msg::EpisodeAcknowledgement& message) {
-    const Source source{message.environment().c_str(), message.environment_incarnation()};
+    const Source source{message.writer().c_str(), message.writer_incarnation()};
     const auto [entry, fresh] = acknowledged_[message.header().incarnation()].try_emplace(source);
     Mark& mark = entry->second;
     if (fresh) mark.since = Clock::now();
     if (Clock::now() - mark.since < milliseconds(300)) mark.others = discarded_[source];
-    if (message.episode() > mark.up_to) mark.behind = false;
-    mark.up_to = std::max<std::uint64_t>(mark.up_to, message.episode());
+    if (message.number() > mark.up_to) mark.behind = false;
+    mark.up_to = std::max<std::uint64_t>(mark.up_to, message.number());
   }
   /// A recorder that acknowledges nothing although there is something is silent too.
   void note_lag(Program& program) {

@@ -236,9 +236,9 @@ TEST_F(Hostile, AnEnvServiceObeysWhoIsInCharge) {
   expect_counted("an unknown mode", id, rejected,
                  [&] { stranger_.say(settings, unknown_enumerator(settings, other)); });
   msg::EpisodeAcknowledgement acknowledgement;
-  acknowledgement.environment() = id;
-  acknowledgement.environment_incarnation() = witness_.incarnation(id);
-  acknowledgement.episode() = 1'000'000'000;
+  acknowledgement.writer() = id;
+  acknowledgement.writer_incarnation() = witness_.incarnation(id);
+  acknowledgement.number() = 1'000'000'000;
   expect_counted("episodes that do not exist", id, rejected, [&] { stranger_.node.publish(acknowledgement); });
   expect_training_goes_on();
   for (const std::string kind : {"an action of a service that is not in charge", "Action.choice: unknown action 7",
@@ -260,7 +260,7 @@ TEST_F(Hostile, LearnerAndActorBelieveEachOtherAlone) {
 
   // As another actor, which the learner would believe.
   auto wrong = trajectory;
-  wrong.number() = 1;
+  wrong.log().number() = wrong.log().first() = 1;
   const auto as_actor = [&] { stranger_.node.publish(wrong); };
   wrong.features()[3] = kNan;
   expect_counted("NaN in a trajectory", "policy", rejected, as_actor);
@@ -274,7 +274,7 @@ TEST_F(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   wrong.version() = 1'000'000'000;
   expect_counted("of parameters to come", "policy", rejected, as_actor);
   wrong.version() = trajectory.version();
-  wrong.learner_incarnation() -= 1;
+  wrong.log().stream() -= 1;
   expect_counted("for a dead learner", "policy", repeated, as_actor);
   auto foreign_one = trajectory;
   foreign_one.header().session() = "another";

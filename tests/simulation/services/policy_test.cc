@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/episodes_csv.h"
@@ -76,6 +77,21 @@ TEST(Recovery, ALaggingRecorderDisturbsNobodysRecords) {
       EXPECT_EQ(stat.run_id(), job("two")) << number;
     }
     EXPECT_EQ(std::string(stat.policy().c_str()), "place_filter");
+  }
+}
+
+/// A run that ends lets its env_services drop what it did not get, so it does not end before it has what it knows of.
+TEST(Recovery, ARunEndsWithTheEpisodesThatDidNotArriveAtOnce) {
+  for (const std::string seed : {"1", "2", "3", "4"}) {
+    Trial run("simulated");
+    const auto summer =
+        run.env("summer", {"--middleware", "lossy,drop=0.3,repeat=0,reorder=0,seed=" + seed + ":simulated"});
+    const auto policy = run.train(4, "out");
+    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
+    std::set<std::string> tasks;  // of the evaluation, whose summary needs them all
+    for (const auto& row : csv_rows(run.folder() / "out/episodes.csv"))
+      if (row.at(5) == "1") tasks.insert(row.at(6));
+    EXPECT_EQ(tasks.size(), 16u) << "seed " << seed << "\n" << policy->output();
   }
 }
 

@@ -234,10 +234,12 @@ class Training : public ::testing::TestWithParam<bool> {
                      {"policy", "policy"},
                      {"actor", "actor"},
                      {"server", info.header().sender().c_str()},
+                     {"writer", info.header().sender().c_str()},
                      {"receiver", "policy"}};
     address.numbers = {{"hash", info.hash()},
                        {"traversal_hash", info.hash()},
-                       {"environment_incarnation", info.header().incarnation()}};
+                       {"environment_incarnation", info.header().incarnation()},
+                       {"writer_incarnation", info.header().incarnation()}};
     visit(message, address);
     message.header() = info.header();
     return message;

@@ -52,7 +52,7 @@ std::string read_recordings(Records& records) {
         } catch (const Error&) {
           continue;  // it came like that
         }
-        ++found.recorded[{stat.header().sender().c_str(), stat.header().incarnation()}][stat.episode()];
+        ++found.recorded[{stat.header().sender().c_str(), stat.header().incarnation()}][stat.log().number()];
       }
       for (const auto& [source, episodes] : found.recorded)
         for (const auto& [episode, count] : episodes) records.recorded[source][episode] += count;

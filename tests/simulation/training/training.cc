@@ -120,20 +120,20 @@ Process* Training::add(const std::string& id, Process::Body body) {
 
 /// Notes what recorders acknowledge, env_services finish and learners announce.
 void Training::watch(const Process& sender, const Topic& topic, std::span<const std::byte> sample) {
-  if (topic.type == topic_of<msg::EpisodeAcknowledgement>().type) {
+  if (topic.name.ends_with("/episode_acknowledgement")) {
     msg::EpisodeAcknowledgement message;
     decode(sample, message);
     const std::string& recorder = &sender == twins_.back() ? policy_->name() : sender.name();
     std::uint64_t& last =
-        evidence_.recorders[recorder].acknowledged[{message.environment().c_str(), message.environment_incarnation()}];
-    last = std::max<std::uint64_t>(last, message.episode());
+        evidence_.recorders[recorder].acknowledged[{message.writer().c_str(), message.writer_incarnation()}];
+    last = std::max<std::uint64_t>(last, message.number());
   } else if (topic.type == topic_of<msg::EpisodeStat>().type) {
     if (&sender == replay_) return;  // what came damaged is replayed so
     msg::EpisodeStat message;
     decode(sample, message);
     Finished& finished = finished_[&sender];
     const Source now(message.header().sender().c_str(), message.header().incarnation());
-    finished.last = std::max<std::uint64_t>(finished.source == now ? finished.last : 0, message.episode());
+    finished.last = std::max<std::uint64_t>(finished.source == now ? finished.last : 0, message.log().number());
     finished.source = now;
     finished.start = sender.starts();
   } else if (layout_.encoders > 0 && topic.type == topic_of<msg::TaskSettings>().type) {

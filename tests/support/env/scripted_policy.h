@@ -96,7 +96,7 @@ class ScriptedPolicy {
     while (node.take(taken_observation_)) on_observation();
     while (node.take(taken_episode_)) {
       ++episode_messages;
-      episodes.emplace(taken_episode_.episode(), taken_episode_);
+      episodes.emplace(taken_episode_.log().number(), taken_episode_);
       while (episodes.contains(recorded + 1)) ++recorded;
       if (acknowledge) send_acknowledgement(recorded);
     }
@@ -111,11 +111,11 @@ class ScriptedPolicy {
   void send_acknowledgement(std::uint64_t episode, bool leaving = false) {
     msg::EpisodeAcknowledgement message;
     left_ = leaving;
-    message.recorder() = leaving ? msg::LEAVES : msg::RECORDS;
+    message.state() = leaving ? msg::LEAVES : msg::READS;
     next_acknowledgement_ = Clock::now() + std::chrono::seconds(1);
-    message.environment() = environment_;
-    message.environment_incarnation() = info.header().incarnation();
-    message.episode() = episode;
+    message.writer() = environment_;
+    message.writer_incarnation() = info.header().incarnation();
+    message.number() = episode;
     node.publish(message);
   }
   void request(std::uint64_t hash, const std::vector<std::uint32_t>& wanted) {

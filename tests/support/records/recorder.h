@@ -41,8 +41,8 @@ class Recorder {
     while (node.take(episode_)) {
       const std::string id = episode_.header().sender().c_str();
       incarnations_[id] = std::max<std::uint64_t>(incarnations_[id], episode_.header().incarnation());
-      repeated += !store[id].emplace(episode_.episode(), episode_).second;
-      recorded[id] = std::max<std::uint64_t>(recorded[id], episode_.acknowledged());
+      repeated += !store[id].emplace(episode_.log().number(), episode_).second;
+      recorded[id] = std::max<std::uint64_t>(recorded[id], episode_.log().first() - 1);
       while (store[id].contains(recorded[id] + 1)) ++recorded[id];
       news = true;
     }
@@ -52,10 +52,10 @@ class Recorder {
     next_ = Clock::now() + milliseconds(200);
     for (const auto& [id, incarnation] : incarnations_) {
       msg::EpisodeAcknowledgement message;
-      message.environment() = id;
-      message.environment_incarnation() = incarnation;
-      message.episode() = recorded[id];
-      message.recorder() = leaving ? msg::LEAVES : msg::RECORDS;
+      message.writer() = id;
+      message.writer_incarnation() = incarnation;
+      message.number() = recorded[id];
+      message.state() = leaving ? msg::LEAVES : msg::READS;
       node.publish(message);
     }
   }

@@ -20,12 +20,21 @@ inline void sign(msg::Header& header, const std::string& sender, std::uint64_t i
   header.message(message);
 }
 
+/// The place of a record in a log that has dropped nothing.
+inline msg::LogPosition log_position(std::uint64_t number, std::uint64_t stream = 0) {
+  msg::LogPosition log;
+  log.stream(stream);
+  log.number(number);
+  log.first(1);
+  return log;
+}
+
 /// A training episode from frame `number` % 100 five frames on, with one step back on the way.
 inline msg::EpisodeStat episode(std::uint64_t number, const std::string& environment = "env-summer",
                                 std::uint64_t incarnation = 7, std::uint64_t job = kJob) {
   msg::EpisodeStat e;
   sign(e.header(), environment, incarnation, number);
-  e.episode(number);
+  e.log() = log_position(number);
   e.agent(static_cast<std::uint32_t>(number % 16));
   e.traversal("summer");
   e.start(static_cast<std::uint32_t>(number % 100));
@@ -84,7 +93,7 @@ inline msg::TrainingStat training_stat(std::uint64_t update, std::uint64_t incar
                                        std::uint64_t job = kJob) {
   msg::TrainingStat s;
   sign(s.header(), "policy", incarnation, update);
-  s.run_id(job);
+  s.log() = log_position(update, job);
   s.update(update);
   s.steps(512 * update);
   s.episodes(10 * update);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <concepts>
 #include <limits>
 #include <string_view>
@@ -36,7 +37,7 @@ class Filler {
   template <std::size_t N>
   void operator()(const char* field, FixedString<N>& text) {
     ++count_;
-    const bool required = std::string_view("sender receiver environment").find(field) != std::string_view::npos;
+    const bool required = std::string_view("sender receiver environment writer").find(field) != std::string_view::npos;
     const std::size_t length = size_ == Size::kMin ? required : size_ == Size::kTypical ? N / 3 : N;
     std::string filled(length, static_cast<char>('a' + count_ % 26));
     if (length > 1 && N > 64) filled.replace(0, 2, "\xC3\xA9");  // two bytes, one letter; the shorter ones are names
@@ -88,17 +89,24 @@ inline void agree(Filler& f, msg::Observation& m) {
 
 inline void agree(Filler&, msg::Action& m) { make_actions(m.choice()); }
 
-inline void agree(Filler&, msg::EpisodeStat& m) {
-  m.episode(m.acknowledged() + 1);
+inline void agree(Filler&, msg::LogPosition& log) {
+  log.first() = std::max<std::uint64_t>(1, log.number() / 2);
+  log.number() = std::max(log.number(), log.first());
+}
+
+inline void agree(Filler& f, msg::EpisodeStat& m) {
+  agree(f, m.log());
   m.steps(static_cast<std::uint32_t>(m.path().size() * 4));
 }
 
-inline void agree(Filler&, msg::TrainingStat& m) {
+inline void agree(Filler& f, msg::TrainingStat& m) {
+  agree(f, m.log());
   m.reward(std::numeric_limits<float>::quiet_NaN());
   m.gradient_norm(std::numeric_limits<float>::infinity());
 }
 
 inline void agree(Filler& f, msg::Trajectory& m) {
+  agree(f, m.log());
   const std::size_t steps = f.least() ? 0 : f.most() ? msg::MAX_STEPS : 32;
   const auto fill = [&](std::size_t size, auto&... sequences) { (f.resize(sequences, size, size), ...); };
   fill(steps, m.action(), m.log_probability(), m.reward(), m.ended(), m.final_value());

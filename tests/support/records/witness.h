@@ -46,12 +46,12 @@ class Witness {
     }
     while (node.take(episode_)) {
       std::uint64_t& largest = finished[{episode_.header().sender().c_str(), episode_.header().incarnation()}];
-      largest = std::max<std::uint64_t>(largest, episode_.episode());
+      largest = std::max<std::uint64_t>(largest, episode_.log().number());
     }
     while (node.take(acknowledgement_)) {
-      std::uint64_t& largest = acknowledged[acknowledgement_.header().sender().c_str()][{
-          acknowledgement_.environment().c_str(), acknowledgement_.environment_incarnation()}];
-      largest = std::max<std::uint64_t>(largest, acknowledgement_.episode());
+      std::uint64_t& largest = acknowledged[acknowledgement_.header().sender().c_str()]
+                                           [{acknowledgement_.writer().c_str(), acknowledgement_.writer_incarnation()}];
+      largest = std::max<std::uint64_t>(largest, acknowledgement_.number());
     }
   }
   bool until(const std::function<bool()>& condition, milliseconds patience) {

@@ -44,23 +44,23 @@ class Fixture {
   }
   Acknowledged repeat(const std::string& who, std::uint64_t number, std::uint64_t episode, bool leaving = false,
                       std::uint64_t incarnation = 1) {
-    msg::EpisodeAcknowledgement acknowledgement;
+    msg::LogAcknowledgement acknowledgement;
     acknowledgement.header().sender() = who.c_str();
     acknowledgement.header().incarnation() = incarnation;
     acknowledgement.header().message() = number;
-    acknowledgement.episode() = episode;
-    acknowledgement.recorder() = leaving ? msg::LEAVES : msg::RECORDS;
+    acknowledgement.number() = episode;
+    acknowledgement.state() = leaving ? msg::LEAVES : msg::READS;
     acknowledged[who] = episode;
     return outbox.acknowledge(acknowledgement, now);
   }
   /// Acknowledges the same again, as recorders do once a second.
   void beats(const std::string& who, bool stopping = false, std::uint64_t incarnation = 1) {
-    msg::EpisodeAcknowledgement acknowledgement;
+    msg::LogAcknowledgement acknowledgement;
     acknowledgement.header().sender() = who.c_str();
     acknowledgement.header().incarnation() = incarnation;
     acknowledgement.header().message() = ++message;
-    acknowledgement.episode() = acknowledged[who];
-    acknowledgement.recorder() = stopping ? msg::STOPS : msg::RECORDS;
+    acknowledgement.number() = acknowledged[who];
+    acknowledgement.state() = stopping ? msg::STOPS : msg::READS;
     outbox.acknowledge(acknowledgement, now);
   }
 
@@ -121,8 +121,8 @@ TEST(EpisodeOutbox, TellsAllThatThereIsOfAnEpisode) {
   outbox.fill(1, stat);
   EXPECT_EQ(stat.settings().incarnation(), 77u);
   EXPECT_EQ(stat.settings().version(), 3u);
-  EXPECT_EQ(stat.episode(), 1u);
-  EXPECT_EQ(stat.acknowledged(), 0u);
+  EXPECT_EQ(stat.log().number(), 1u);
+  EXPECT_EQ(stat.log().first() - 1, 0u);
   EXPECT_EQ(stat.agent(), 2u);
   EXPECT_TRUE(stat.evaluation());
   EXPECT_EQ(stat.task(), 5u);
@@ -153,8 +153,8 @@ TEST(EpisodeOutbox, KeepsForEachRecorderWhatItLacks) {
   EXPECT_EQ(fixture.outbox.kept(), 6u);
   msg::EpisodeStat stat;
   fixture.outbox.fill(5, stat);
-  EXPECT_EQ(stat.episode(), 5u);
-  EXPECT_EQ(stat.acknowledged(), 4u) << "whoever comes new need not wait for those before";
+  EXPECT_EQ(stat.log().number(), 5u);
+  EXPECT_EQ(stat.log().first() - 1, 4u) << "whoever comes new need not wait for those before";
   fixture.now += milliseconds(200);
   EXPECT_EQ(fixture.sent(), again(5, 10)) << "for the dashboard";
   EXPECT_EQ(fixture.acknowledge("dashboard", 10), Acknowledged::kYes);

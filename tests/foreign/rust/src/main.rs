@@ -12,13 +12,13 @@ use std::io::Write;
 use std::sync::mpsc::{channel, RecvTimeoutError};
 use std::time::{Duration, Instant, SystemTime};
 
-const PROTOCOL: u32 = 12;
+const PROTOCOL: u32 = 13;
 const FLAG_FIRST: u8 = 1;
 const IDLE: u32 = 0; // Mode
 const TRAIN: u32 = 1;
 const RUNNING: u32 = 2; // State
 const STOPPING: u32 = 3;
-const RECORDS: u32 = 0; // RecorderState
+const READS: u32 = 0; // ReaderState
 const LEAVES: u32 = 2;
 const GONE: Duration = Duration::from_secs(3); // a process that was silent for so long counts as gone,
 const HANDOVER: Duration = Duration::from_secs(2); // or for so long, while another one with its id was heard
@@ -245,7 +245,7 @@ fn main() {
     let mut commands = wire.writer::<TaskSettings>(&own("task_settings"), "TaskSettings", 64);
     let mut actions = wire.writer::<Action>(&own("action"), "Action", 1);
     let mut acknowledgements =
-        wire.writer::<EpisodeAcknowledgement>(&own("episode_acknowledgement"), "EpisodeAcknowledgement", 64);
+        wire.writer::<LogAcknowledgement>(&own("episode_acknowledgement"), "LogAcknowledgement", 64);
 
     let (mut process, mut brain) = (Incumbent::default(), Brain::default());
     process.hear(info.header.incarnation);
@@ -271,14 +271,14 @@ fn main() {
             });
             next_settings = now + SETTINGS_AGAIN;
         }
-        let mut acknowledge = |episode: u64, recorder: u32| {
-            let (environment, environment_incarnation) = (env.clone(), process.incarnation);
-            acknowledgements.send(|header| EpisodeAcknowledgement {
-                header, environment, environment_incarnation, episode, recorder,
+        let mut acknowledge = |number: u64, state: u32| {
+            let (writer, writer_incarnation) = (env.clone(), process.incarnation);
+            acknowledgements.send(|header| LogAcknowledgement {
+                header, writer, writer_incarnation, number, state, ..Default::default()
             });
         };
         if now >= next_acknowledgement {
-            acknowledge(recorded, RECORDS);
+            acknowledge(recorded, READS);
             next_acknowledgement = now + SECOND;
         }
         wire.wait();
@@ -325,14 +325,14 @@ fn main() {
             if !wire.ours(&episode.header) || episode.header.incarnation != process.incarnation {
                 continue;
             }
-            recorded = recorded.max(episode.acknowledged); // nobody lacks those
+            recorded = recorded.max(episode.log.first - 1); // those never come
             next_acknowledgement = now;
-            if episode.episode != recorded + 1 {
+            if episode.log.number != recorded + 1 {
                 continue; // known, or what is missing comes again
             }
             (recorded, newest) = (recorded + 1, now);
             if episode.settings.incarnation == incarnation {
-                let written = writeln!(file, "{},{}", episode.header.incarnation, episode.episode);
+                let written = writeln!(file, "{},{}", episode.header.incarnation, episode.log.number);
                 written.unwrap_or_else(|error| fail(format!("{record}: {error}")));
                 finished += 1;
                 if episode.completed {
@@ -344,8 +344,9 @@ fn main() {
             (version, in_force) = (version + 1, false); // the same settings, under an id that it has not seen
         }
     }
-    acknowledgements.send(|header| EpisodeAcknowledgement {
-        header, environment: env.clone(), environment_incarnation: process.incarnation, episode: recorded, recorder: LEAVES,
+    acknowledgements.send(|header| LogAcknowledgement {
+        header, writer: env.clone(), writer_incarnation: process.incarnation, number: recorded, state: LEAVES,
+        ..Default::default()
     });
     let _ = acknowledgements.writer.wait_for_acknowledgments(SECOND / 2);
     drop(end);

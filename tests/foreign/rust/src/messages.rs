@@ -30,13 +30,14 @@ message!(Observation {
 message!(Action {
     header: Header, environment: String, environment_incarnation: u64, settings: SettingsId, step: u64, choice: Vec<u8>,
 });
+message!(LogPosition { stream: u64, number: u64, first: u64 });
 message!(EpisodeStat {
-    header: Header, settings: SettingsId, episode: u64, acknowledged: u64, agent: u32, evaluation: bool, task: u32,
-    traversal: String, start: u32, goal: u32, steps: u32, shortest: u32, reward: f32, completed: bool,
-    shuffled: bool, policy: String, update: u64, run_id: u64, path: Vec<u8>,
+    header: Header, log: LogPosition, settings: SettingsId, agent: u32, evaluation: bool, task: u32, traversal: String,
+    start: u32, goal: u32, steps: u32, shortest: u32, reward: f32, completed: bool, shuffled: bool, policy: String,
+    update: u64, run_id: u64, path: Vec<u8>,
 });
-message!(EpisodeAcknowledgement {
-    header: Header, environment: String, environment_incarnation: u64, episode: u64, recorder: u32,
+message!(LogAcknowledgement {
+    header: Header, writer: String, writer_incarnation: u64, stream: u64, number: u64, limit: u64, state: u32,
 });
 message!(ServiceStatus {
     header: Header, service: String, host: String, middleware: String, process: u32, service_state: u32,
@@ -60,7 +61,7 @@ pub fn check_golden(text: &str) -> Result<usize, String> {
             "Observation" => round_trip::<Observation>(name, &bytes)?,
             "Action" => round_trip::<Action>(name, &bytes)?,
             "EpisodeStat" => round_trip::<EpisodeStat>(name, &bytes)?,
-            "EpisodeAcknowledgement" => round_trip::<EpisodeAcknowledgement>(name, &bytes)?,
+            "LogAcknowledgement" => round_trip::<LogAcknowledgement>(name, &bytes)?,
             "ServiceStatus" => round_trip::<ServiceStatus>(name, &bytes)?,
             _ => 0,
         };

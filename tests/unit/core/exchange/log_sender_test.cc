@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "idl/common.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
@@ -25,11 +26,13 @@ class LogSenderCredit : public ::testing::Test {
   }
   Acknowledged acknowledge(std::uint64_t number, std::uint64_t limit) { return deliver(++message_, number, limit); }
   Acknowledged deliver(std::uint64_t message, std::uint64_t number, std::uint64_t limit) {
-    msg::Header header;
-    header.sender() = "learner";
-    header.incarnation() = 7;
-    header.message() = message;
-    return log_.acknowledge({.from = header, .number = number, .limit = limit}, now_);
+    msg::LogAcknowledgement acknowledgement;
+    acknowledgement.header().sender() = "learner";
+    acknowledgement.header().incarnation() = 7;
+    acknowledgement.header().message() = message;
+    acknowledgement.number() = number;
+    acknowledgement.limit() = limit;
+    return log_.acknowledge(acknowledgement, now_);
   }
 
   LogSender log_{{.resend_window = 16, .send_window = 0, .credit_window = 48}, {"learner"}, 101};

@@ -37,7 +37,8 @@ msg::EpisodeStat numbered_episode(std::uint64_t number) {
   msg::EpisodeStat stat;
   stat.header().sender() = "env-summer";
   stat.header().incarnation() = 7;
-  stat.episode() = number;
+  stat.log().number() = number;
+  stat.log().first() = 1;
   stat.traversal() = "summer";
   return stat;
 }

@@ -151,7 +151,9 @@ TEST(RecordingOutline, HasEachUpdateOnceAndThoseOfAResumedRunAgain) {
   const Folder folder;
   {
     Tape tape(folder / "a.mcap");
-    tape.say(training_stat(0), kTapeStart);
+    msg::TrainingStat before = training_stat(0);
+    before.log() = log_position(1, kJob);
+    tape.say(before, kTapeStart);
     tape.say(training_stat(1), kTapeStart);                       // a late reader gets all in a moment
     tape.say(training_stat(1, 500, 0.5f, kJob + 1), kTapeStart);  // of a run without RunInfo, which is not shown
     tape.say(run_info(), kTapeStart + kTapeSecond);

@@ -118,6 +118,22 @@ TEST(Replay, WhatIsLostIsPlayedAgain) {
   EXPECT_GT(replayer.figures().repeated, 20u);
 }
 
+TEST(Replay, ARecordingMayBeginInTheMiddleOfATraining) {
+  const Folder folder;
+  {
+    Tape tape(folder / "a.mcap");
+    tape.say(run_info(300), kStart);
+    for (std::uint64_t update = 50; update <= 300; ++update) tape.say(training_stat(update), kStart);
+    tape.writer.close();
+  }
+  const auto wire = middleware(29, "lossy,drop=0.1,seed=3:inprocess");
+  Watcher watcher(29, folder / "a.sqlite");
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer, &watcher));
+  EXPECT_EQ(count(folder / "a.sqlite", "training"), 251);
+  EXPECT_EQ(replayer.figures().remarks, std::vector<std::string>());
+}
+
 TEST(Replay, AnEpisodeThatWasNotRecordedHoldsNobodyUp) {
   const Folder folder;
   {

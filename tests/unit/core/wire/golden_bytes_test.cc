@@ -55,16 +55,19 @@ void agree(msg::Observation& m) {
   m.feature_dimension() = 2;
   m.features() = {0.5f, -1.0f, 1.5f, -2.0f, 2.5f, -3.0f};
 }
+void agree(msg::LogPosition& log) { log.number() = log.first() + 1; }
 void agree(msg::EpisodeStat& m) {
-  m.episode() = m.acknowledged() + 1;
+  agree(m.log());
   m.steps() = 10;
 }
+void agree(msg::TrainingStat& m) { agree(m.log()); }
 template <std::derived_from<msg::ObjectChunk> Chunk>
 void agree(Chunk& m) {
   m.chunk() = 0;
   m.total_bytes() = 3;
 }
 void agree(msg::Trajectory& m) {
+  agree(m.log());
   for (auto* one_more : {&m.position(), &m.goal()}) one_more->push_back(3);
   for (auto* one_more : {&m.previous_action(), &m.allowed(), &m.first()}) one_more->push_back(1);
   m.shown().push_back(-1);

@@ -123,7 +123,7 @@ TEST(Messages, PaddingIsAllowedMoreIsNot) {
   EXPECT_EQ(decode_error<msg::EpisodeAcknowledgement>(bytes), "");
   bytes.resize(bytes.size() + 1);
   EXPECT_EQ(decode_error<msg::EpisodeAcknowledgement>(bytes),
-            "citylearn::msg::EpisodeAcknowledgement: 4 bytes left over at its end");
+            "citylearn::msg::LogAcknowledgement: 4 bytes left over at its end");
 }
 
 TEST(Messages, EveryTruncationIsAnError) {
@@ -203,12 +203,16 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::Observation>("features: 1024 entries, should be 68719476720: agents x feature_dimension",
                                  [](auto& m) { m.feature_dimension(0xFFFFFFFF); });
   expect_error<msg::Observation>("previous_action: unknown action 3", [](auto& m) { m.previous_action()[3] = 3; });
-  expect_error<msg::EpisodeStat>("episode: is 0, they count from 1",
-                                 [](auto& m) { m.episode() = m.acknowledged() = 0; });
-  expect_error<msg::EpisodeStat>("acknowledged: is 1000000000000 though episode 150 is still sent", [](auto& m) {
-    m.episode() = 150;
-    m.acknowledged() = 1'000'000'000'000;
-  });
+  const auto place = [](std::uint64_t number, std::uint64_t first) {
+    return [=](auto& m) {
+      m.log().number() = number;
+      m.log().first() = first;
+    };
+  };
+  expect_error<msg::EpisodeStat>("log.number: is 0, they count from 1", place(0, 0));
+  expect_error<msg::EpisodeStat>("log.first: is 1000000000000, must be 1..150", place(150, 1'000'000'000'000));
+  expect_error<msg::TrainingStat>("log.first: is 0, must be 1..150", place(150, 0));
+  expect_error<msg::Trajectory>("log.first: is 151, must be 1..150", place(150, 151));
   expect_error<msg::Action>("choice: unknown action 3", [](auto& m) { m.choice()[0] = 3; });
   expect_error<msg::TraversalInfo>("frames: must be 1..1048576", [](auto& m) { m.frames(0); });
   expect_error<msg::TraversalInfo>("agents: must be 1..256", [](auto& m) { m.agents(257); });

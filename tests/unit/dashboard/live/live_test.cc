@@ -218,7 +218,7 @@ TEST_F(LiveTest, TrainingGoesToWhoWatchesThatRun) {
   Node policy(node_options("policy", run, "policy_service"));
   const auto tell = [&](std::uint64_t job, std::uint64_t update) {
     msg::TrainingStat one;
-    one.run_id() = job;
+    one.log() = log_position(update, job);
     one.update() = update;
     one.steps() = update * 512;
     one.reward() = std::numeric_limits<float>::quiet_NaN();
@@ -231,7 +231,7 @@ TEST_F(LiveTest, TrainingGoesToWhoWatchesThatRun) {
   policy.publish(about);
   const std::string topic = "training:" + run + "/policy/3/77";
   tell(77, 1);
-  ASSERT_TRUE(until([&] { return stat.update() == 1; }));
+  ASSERT_TRUE(until([&] { return stat.log().number() == 1; }));
   hub.topics = {topic};
   const Clock::time_point watched = Clock::now();
   ASSERT_TRUE(until([&] { return Clock::now() > watched + milliseconds(150); })) << "until it knows who watches";

@@ -6,6 +6,7 @@
 
 #include <deque>
 
+#include "core/exchange/log_sender.h"
 #include "dashboard/store/database.h"
 #include "dashboard/store/store_reader.h"
 #include "tests/support/options.h"
@@ -33,7 +34,7 @@ class ScriptedEnvironment {
   void finish_episodes(std::uint64_t count) {
     for (std::uint64_t i = 0; i < count; ++i) {
       msg::EpisodeStat stat = episode(++episodes);
-      stat.acknowledged(acknowledged);
+      stat.log().first(acknowledged + 1);
       kept.push_back(stat);
       node.publish(kept.back());
     }
@@ -42,14 +43,13 @@ class ScriptedEnvironment {
     node.wait(Clock::now());
     msg::EpisodeAcknowledgement message;
     while (node.take(message)) {
-      if (message.environment() != node.options().id || message.environment_incarnation() != node.incarnation())
-        continue;
+      if (message.writer() != node.options().id || message.writer_incarnation() != node.incarnation()) continue;
       ++acknowledgements;
       registered = true;
-      left = message.recorder() == msg::LEAVES;
-      newest = message.episode();
-      while (!kept.empty() && kept.front().episode() <= message.episode()) kept.pop_front();
-      acknowledged = std::max(acknowledged, message.episode());
+      left = message.state() == msg::LEAVES;
+      newest = message.number();
+      while (!kept.empty() && kept.front().log().number() <= message.number()) kept.pop_front();
+      acknowledged = std::max<std::uint64_t>(acknowledged, message.number());
     }
     if (Clock::now() < again) return;
     again = Clock::now() + milliseconds(50);
@@ -63,39 +63,48 @@ class ScriptedEnvironment {
   Clock::time_point again;
 };
 
-/// Has made some updates, of which it sends those it is asked for, `most` at a time.
+/// Makes figures from number `first` on, of every third update, and sends them as a LogSender decides.
 class ScriptedLearner {
  public:
-  ScriptedLearner() {
+  explicit ScriptedLearner(std::uint64_t first = 1) : log({.keeps_all = true}, {}, first) {
     node.create_writer<msg::TrainingStat>();
     node.create_writer<msg::RunInfo>();
-    node.create_reader<msg::TrainingStatRequest>();
+    node.create_reader<msg::TrainingAcknowledgement>();
   }
-  void say(std::uint64_t updates) {
-    msg::RunInfo info = run_info(updates);
+  void say() {
+    msg::RunInfo info = run_info(log.last());
     node.publish(info);
   }
-  void send(std::uint64_t update) {
-    msg::TrainingStat stat = training_stat(update);
-    node.publish(stat);
+  void make(std::uint64_t updates) {
+    for (std::uint64_t i = 0; i < updates; ++i) log.add();
   }
   void spin() {
     node.wait(Clock::now());
-    msg::TrainingStatRequest request;
-    while (node.take(request)) {
-      if (request.policy() != node.options().id || request.policy_incarnation() != node.incarnation() ||
-          request.run_id() != kJob)
+    msg::TrainingAcknowledgement message;
+    while (node.take(message)) {
+      if (message.writer() != node.options().id || message.writer_incarnation() != node.incarnation() ||
+          message.stream() != kJob)
         continue;
-      ++requests;
-      std::uint64_t most = msg::MAX_STATS_ASKED;
-      for (std::uint64_t u = std::max(first, request.first()); u <= std::min(last, request.last()) && most > 0;
-           ++u, --most)
-        send(u);
+      acknowledged = message.number();
+      left = message.state() == msg::LEAVES;
+      log.acknowledge(message, Clock::now());
+    }
+    for (int i = 0; i < 100; ++i) {
+      const auto next = log.next(Clock::now());
+      if (!next) return;
+      again += next->again;
+      if (next->number == lost && !next->again) continue;
+      msg::TrainingStat stat = training_stat(3 * next->number);
+      stat.log() = log.position(next->number, kJob);
+      node.publish(stat);
     }
   }
   Node node{recorder_node_options("inprocess", "policy_service", "policy")};
-  std::uint64_t first = 1, last = 0;  ///< updates that it keeps
-  int requests = 0;
+  LogSender log;
+  std::uint64_t lost = 0;          ///< this one does not arrive the first time
+  std::uint64_t acknowledged = 0;  ///< by the newest message
+  int again = 0;                   ///< sent before
+  bool left = false;
 };
 
 /// A dashboard without a page: hands on what it takes.
@@ -143,7 +152,6 @@ class RecorderTest : public ::testing::Test {
 
   RecorderTest() {
     store_options_.path = folder_ / "dashboard.sqlite";
-    hasty_.request_after = milliseconds(20);
     hasty_.retry_after = milliseconds(50);
   }
   std::unique_ptr<Dashboard> make_dashboard(const std::string& middleware = "inprocess") {
@@ -254,95 +262,94 @@ TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpac
   EXPECT_EQ(dashboard->store.events(10).size(), 2u);
 }
 
-TEST_F(RecorderTest, AsksForUpdatesThatDidNotCome) {
+TEST_F(RecorderTest, GetsUpdatesOfBeforeItCameAndThoseThatDidNotArrive) {
   ScriptedLearner learner;
+  learner.make(1000);
+  while (learner.log.sent() < 1000) learner.spin();
+  learner.say();
   const auto dashboard = make_dashboard();
-  learner.last = 1000;
-  learner.say(1000);
-  ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 1000; }, learner, *dashboard));
-  const int requests = learner.requests;
-  EXPECT_GE(requests, 8);
-  EXPECT_LE(requests, 16);
+  ASSERT_TRUE(until([&] { return learner.acknowledged == 1000; }, learner, *dashboard));
+  EXPECT_EQ(number("SELECT COUNT(*) FROM training"), 1000);
   // From now on they come by themselves, but for one.
-  learner.last = 1010;
-  for (std::uint64_t update = 1001; update <= 1010; ++update)
-    if (update != 1005) learner.send(update);
-  ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 1010; }, learner, *dashboard));
-  EXPECT_EQ(learner.requests, requests + 1);
+  learner.lost = 1005;
+  learner.make(10);
+  ASSERT_TRUE(until([&] { return learner.acknowledged == 1010; }, learner, *dashboard));
+  EXPECT_EQ(number("SELECT COUNT(*) FROM training"), 1010);
+  EXPECT_GT(dashboard->node.traffic.repeated, 0u);
 }
 
-TEST_F(RecorderTest, AfterARestartItAsksOnlyForWhatIsMissing) {
+TEST_F(RecorderTest, AfterARestartItGetsOnlyUpdatesThatAreMissing) {
   ScriptedLearner learner;
-  learner.last = 300;
-  learner.say(300);
+  learner.make(300);
+  learner.say();
   {
     const auto dashboard = make_dashboard();
-    ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 300; }, learner, *dashboard));
+    ASSERT_TRUE(until([&] { return learner.acknowledged == 300; }, learner, *dashboard));
+    dashboard->recorder.finish(false);
+    learner.spin();
+    EXPECT_TRUE(learner.left) << "they are kept all the same";
   }
-  learner.requests = 0;
-  learner.last = 310;
-  learner.say(310);
+  learner.make(10);
+  learner.spin();
+  learner.again = 0;
+  learner.say();
   const auto dashboard = make_dashboard();
-  ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 310; }, learner, *dashboard));
-  EXPECT_EQ(learner.requests, 1);
+  ASSERT_TRUE(until([&] { return learner.acknowledged == 310; }, learner, *dashboard));
+  EXPECT_EQ(number("SELECT COUNT(*) FROM training"), 310);
+  EXPECT_EQ(learner.again, 10);
 }
 
-TEST_F(RecorderTest, GivesUpUpdatesThatNobodyHas) {
-  ScriptedLearner learner;
+TEST_F(RecorderTest, WaitsForNoUpdatesThatTheirSenderDoesNotHave) {
+  ScriptedLearner learner(101);  // resumed there
   const auto dashboard = make_dashboard();
-  learner.first = 101;  // resumed there
-  learner.last = 150;
-  learner.say(150);
-  ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 50; }, learner, *dashboard));
-  const int enough = learner.requests + 5;
-  ASSERT_TRUE(until([&] { return learner.requests >= enough - 1; }, learner, *dashboard));
-  const Clock::time_point later = Clock::now() + milliseconds(300);
-  ASSERT_TRUE(until([&] { return Clock::now() >= later; }, learner, *dashboard));
-  EXPECT_LE(learner.requests, enough);
+  learner.make(50);
+  learner.say();
+  ASSERT_TRUE(until([&] { return learner.acknowledged == 150; }, learner, *dashboard));
+  EXPECT_EQ(number("SELECT COUNT(*) FROM training"), 50);
 }
 
 TEST_F(RecorderTest, UpdatesThatWereGivenUpAreRecordedWhenTheyCome) {
   ScriptedLearner learner;
   const auto dashboard = make_dashboard();
-  learner.last = 50;
-  learner.say(1'000'000'000);  // a wrong number: nobody has these
-  ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 50; }, learner, *dashboard));
-  const int all = learner.requests + 5;
-  ASSERT_TRUE(until([&] { return learner.requests >= all; }, learner, *dashboard));
+  learner.say();
+  msg::TrainingStat forged = training_stat(1'000'000'000);
+  forged.log().first(forged.log().number());  // as if there were none before
   ASSERT_TRUE(until(
       [&] {
-        learner.send(51);
-        return number("SELECT COUNT(*) FROM training") == 51;
+        learner.node.publish(forged);
+        return number("SELECT COUNT(*) FROM training") == 1;
       },
       learner, *dashboard));
+  learner.make(51);
+  ASSERT_TRUE(until([&] { return learner.acknowledged == 51; }, learner, *dashboard));
+  EXPECT_EQ(number("SELECT COUNT(*) FROM training"), 52);
 }
 
 TEST_F(RecorderTest, ARunStaysWithItsProcessWhileThatLives) {
   auto learner = std::make_unique<ScriptedLearner>();
   const auto dashboard = make_dashboard();
-  learner->last = 10;
-  learner->say(10);
+  learner->make(10);
+  learner->say();
   const auto rows = [&] { return number("SELECT COUNT(*) FROM training"); };
   ASSERT_TRUE(until([&] { return rows() == 10; }, *learner, *dashboard));
   // Another process says that it goes on with this run, from its beginning.
   ScriptedLearner stranger;
-  stranger.say(0);
-  stranger.last = 1;
-  stranger.send(1);
+  stranger.say();
+  stranger.make(1);
   ASSERT_TRUE(until([&] { return dashboard->node.traffic.rejected > 0; }, *learner, stranger, *dashboard));
-  learner->say(10);
+  learner->say();
   ASSERT_TRUE(until([&] { return dashboard->told("another process announces run"); }, *learner, *dashboard));
   EXPECT_EQ(number("SELECT COUNT(DISTINCT incarnation) FROM training"), 1);
   EXPECT_EQ(rows(), 10);
-  learner->last = 11;
-  learner->send(11);
+  learner->make(1);
   ASSERT_TRUE(until([&] { return rows() == 11; }, *learner, *dashboard));
   // Once it is silent, its successor goes on.
   learner.reset();
-  stranger.first = stranger.last = 8;
+  stranger.log = LogSender({.keeps_all = true}, {}, 8);
+  stranger.make(1);
   ASSERT_TRUE(until(
       [&] {
-        stranger.say(8);
+        stranger.say();
         return rows() == 8;
       },
       stranger, *dashboard));
@@ -353,7 +360,7 @@ TEST_F(RecorderTest, KnowsRunsAndWhatEnvironmentsHost) {
   ScriptedEnvironment env;
   ScriptedLearner learner;
   const auto dashboard = make_dashboard();
-  learner.say(0);
+  learner.say();
   msg::TraversalInfo info = traversal_info();
   env.node.publish(info);
   env.finish_episodes(10);

@@ -77,7 +77,7 @@ TEST_F(StoreTest, GoesOnFromWhatOthersRecordedAndSaysSo) {
   {
     Store store(options());
     std::vector<msg::EpisodeStat> some = {episode(7)};
-    some[0].acknowledged(5);
+    some[0].log().first(6);
     std::vector<Event> lost;
     EXPECT_EQ(store.record(some, &lost), 1u);
     ASSERT_EQ(lost.size(), 1u);
@@ -97,7 +97,7 @@ TEST_F(StoreTest, OneWrongNumberDoesNotSilenceARecord) {
   Store store(options());
   EXPECT_EQ(store.record(episodes(1, 150)), 150u);
   msg::EpisodeStat forged = episode(1'000'000'000'001);
-  forged.acknowledged(1'000'000'000'000);
+  forged.log().first(forged.log().number());
   store.record(std::vector{forged});
   EXPECT_EQ(store.record(episodes(151, 160)), 10u);
   EXPECT_EQ(store.recorded_up_to(kEnvironment), 160u);
@@ -106,7 +106,7 @@ TEST_F(StoreTest, OneWrongNumberDoesNotSilenceARecord) {
 TEST_F(StoreTest, TakesNumbersThatCannotBeForNothing) {
   Store store(options());
   msg::EpisodeStat zero = episode(0), huge = episode(~std::uint64_t{0}), strange = episode(1);
-  strange.acknowledged(~std::uint64_t{0});
+  strange.log().first(~std::uint64_t{0});
   EXPECT_EQ(store.record(std::vector{zero, huge, strange}), 0u);
   EXPECT_EQ(store.recorded_up_to(kEnvironment), 0u);
   // Those of 64 bits that can be come back as they were.
@@ -208,8 +208,13 @@ TEST_F(StoreTest, AResumedRunReplacesTheUpdatesAfterItsCheckpoint) {
   std::vector<double> expected(6, 0.25);
   expected.resize(8, 0.75);
   EXPECT_EQ(rewards(path_), expected);
-  EXPECT_EQ(store.recorded_updates(Sender("demo", "policy", 900), kJob).gap(10),
-            std::pair(std::uint64_t{1}, std::uint64_t{6}));
+  const NumberSet made = store.recorded_stats(Sender("demo", "policy", 900), kJob);
+  EXPECT_TRUE(made.count(7, 8) == 2 && made.count(1, 10) == 2) << "the others are its predecessor's";
+  msg::TrainingStat after_a_break = training_stat(20, 900, 0.75f);
+  after_a_break.log() = log_position(9, kJob);
+  EXPECT_EQ(store.record(std::vector{after_a_break}), 1u);
+  EXPECT_EQ(store.recorded_stats(Sender("demo", "policy", 900), kJob).count(7, 20), 3u) << "counted without a gap";
+  EXPECT_EQ(number("SELECT MAX(key & 1023) FROM training"), 20);
 }
 
 TEST_F(StoreTest, AResumedRunWhoseStartWasMissedReplacesThemToo) {
@@ -230,7 +235,7 @@ TEST_F(StoreTest, AResumedRunWhoseStartWasMissedReplacesThemToo) {
 TEST_F(StoreTest, StatsOfUnknownRunsAreLeftOut) {
   Store store(options());
   EXPECT_EQ(store.record(training_stats(1, 3)), 0u);
-  EXPECT_EQ(store.recorded_updates(kPolicy, kJob).reach(), 0u);
+  EXPECT_EQ(store.recorded_stats(kPolicy, kJob).reach(), 0u);
 }
 
 TEST_F(StoreTest, RemovesARunAndItsEpisodesButNotOneThatIsRunning) {

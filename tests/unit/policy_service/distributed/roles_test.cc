@@ -56,7 +56,8 @@ class Segments {
     made.header().session() = "session";
     made.header().sender() = actor;
     made.header().incarnation() = 1;
-    made.number() = number;
+    made.log().number() = number;
+    made.log().first() = 1;
     made.environment() = "env";
     made.agent() = static_cast<std::uint32_t>(agent);
     made.step() = static_cast<std::uint64_t>((count_ - 1) * kSegmentSteps);
@@ -179,17 +180,22 @@ TEST(Trajectories, AGapThatIsNeverFilledIsGivenUp) {
   Segments segments;
   segments.next();
   TrajectoryQueue queue(segments.shape(), 100);
-  Clock::time_point now = Clock::now();
-  const auto send = [&](std::uint64_t number) {
+  using Taken = TrajectoryQueue::Taken;
+  const auto send = [&](std::uint64_t number, std::uint64_t first = 1) {
     msg::Trajectory trajectory = segments.trajectory(0, number);
-    return queue.take(trajectory, 0, now);
+    trajectory.log().first() = first;
+    return queue.take(trajectory, 0);
   };
   for (const std::uint64_t number : {1u, 3u, 4u}) send(number);
   EXPECT_EQ(queue.window("a").number, 1u);
-  now += kTrajectoryGiveUp;
-  EXPECT_EQ(send(3), TrajectoryQueue::Taken::kRepeated) << "sent again";
+  EXPECT_EQ(send(3, 3), Taken::kRepeated) << "sent again";
   EXPECT_EQ(queue.window("a").number, 4u) << "2 was acknowledged in the learner's name";
-  EXPECT_EQ(send(5), TrajectoryQueue::Taken::kTaken);
+  EXPECT_EQ(send(5, 3), Taken::kTaken);
+  EXPECT_EQ(send(7, 7), Taken::kTaken) << "as was 6";
+  EXPECT_EQ(queue.window("a").number, 7u);
+  EXPECT_EQ(queue.size(), 5u) << "1, 3, 4, 5 and 7";
+  EXPECT_EQ(send(200, 200), Taken::kNoRoom) << "nobody was told that there is room for 199";
+  EXPECT_EQ(send(8, 2), Taken::kTaken);
 }
 
 TEST(Trajectories, TheRoomIsBoundedAndShared) {

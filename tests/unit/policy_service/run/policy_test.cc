@@ -36,7 +36,8 @@ msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest = 1, std::
   msg::EpisodeStat e;
   e.header().sender() = "env-summer";
   e.header().incarnation() = 7;
-  e.episode() = number;
+  e.log().number() = number;
+  e.log().first() = 1;
   e.traversal() = "summer";
   e.shortest() = shortest;
   e.steps() = steps;
@@ -74,6 +75,8 @@ TEST(EpisodeLog, RecordsOnceWhateverTheOrder) {
   EXPECT_FALSE(log.record(episode(2)));
   EXPECT_TRUE(log.record(episode(4)));
   EXPECT_EQ(log.recorded("env-summer", 7), 2u) << "3 is missing";
+  EXPECT_TRUE(log.has_gap("env-summer", 7));
+  EXPECT_FALSE(log.has_gap("env-summer", 8));
   EXPECT_EQ(log.recorded("env-summer", 8), 0u) << "another incarnation";
   EXPECT_EQ(log.total(), 3u);
 }
@@ -102,7 +105,7 @@ TEST(EpisodeLog, WritesEpisodesInTheirOrder) {
 TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
   EpisodeLog log("");
   msg::EpisodeStat late = episode(58);
-  late.acknowledged() = 57;
+  late.log().first() = 58;
   EXPECT_TRUE(log.record(late));
   EXPECT_EQ(log.recorded("env-summer", 7), 58u);
 }
@@ -111,7 +114,7 @@ TEST(EpisodeLog, OneWrongNumberDoesNotSilenceIt) {
   EpisodeLog log("");
   for (std::uint64_t number = 1; number <= 150; ++number) log.record(episode(number));
   msg::EpisodeStat forged = episode(1'000'000'000'001);
-  forged.acknowledged() = 1'000'000'000'000;
+  forged.log().first() = forged.log().number();
   log.record(forged);
   EXPECT_TRUE(log.record(episode(151)));
   EXPECT_EQ(log.recorded("env-summer", 7), 151u);
@@ -197,7 +200,7 @@ class RunAnnouncerTest : public ::testing::Test {
   RunAnnouncerTest() {
     watcher.create_reader<msg::RunInfo>();
     watcher.create_reader<msg::TrainingStat>();
-    watcher.create_writer<msg::TrainingStatRequest>();
+    watcher.create_writer<msg::TrainingAcknowledgement>();
   }
   /// Lets the record work until nothing more comes; all stats that came.
   std::vector<msg::TrainingStat> stats(RunAnnouncer& record) {
@@ -211,14 +214,13 @@ class RunAnnouncerTest : public ::testing::Test {
     while (watcher.take(info)) any = true;
     return any;
   }
-  void ask(std::uint64_t first, std::uint64_t last, std::uint64_t job = 5) {
-    msg::TrainingStatRequest request;
-    request.policy() = "policy";
-    request.policy_incarnation() = policy.incarnation();
-    request.run_id() = job;
-    request.first() = first;
-    request.last() = last;
-    watcher.publish(request);
+  void acknowledge(std::uint64_t number, std::uint64_t job = 5) {
+    msg::TrainingAcknowledgement acknowledgement;
+    acknowledgement.writer() = "policy";
+    acknowledgement.writer_incarnation() = policy.incarnation();
+    acknowledgement.stream() = job;
+    acknowledgement.number() = number;
+    watcher.publish(acknowledgement);
   }
   Node policy{options("policy")}, watcher{options("watcher")};
   msg::TrainingStat stat;
@@ -251,42 +253,51 @@ TEST_F(RunAnnouncerTest, AnnouncesTheRunFromItsStartToItsEnd) {
   EXPECT_TRUE(info.manifest().empty()) << "what does not fit is left out";
 }
 
-TEST_F(RunAnnouncerTest, SendsItsStatsAgainOnRequest) {
+TEST_F(RunAnnouncerTest, SendsItsStatsAgainToReadersThatLackThem) {
   RunAnnouncer record(policy, {"place_filter", "ppo", 3, 5, 20, ""});
-  for (std::uint64_t update = 21; update <= 420; ++update) {
+  const auto expect_stat = [](const msg::TrainingStat& one, std::uint64_t number) {
+    EXPECT_EQ(one.log().stream(), 5u);
+    EXPECT_EQ(one.log().number(), number);
+    EXPECT_EQ(one.log().first(), 1u);
+    EXPECT_EQ(one.update(), 20 + 3 * number);
+    EXPECT_EQ(one.reward(), static_cast<float>(number) / 2);
+    EXPECT_EQ(one.wall(), static_cast<double>(number) * 3);
+    EXPECT_EQ(std::string(one.header().sender().c_str()), "policy");
+  };
+  for (std::uint64_t number = 1; number <= 400; ++number) {
     msg::TrainingStat one;
-    one.update() = update;
-    one.reward() = static_cast<float>(update) / 2;
-    one.wall() = static_cast<double>(update) * 3;
+    one.update() = 20 + 3 * number;  // the other ranks made those between
+    one.reward() = static_cast<float>(number) / 2;
+    one.wall() = static_cast<double>(number) * 3;
     record.add(one);
     const auto came = stats(record);
     ASSERT_EQ(came.size(), 1u);
-    EXPECT_EQ(came[0].run_id(), 5u);
+    expect_stat(came[0], number);
   }
-  ask(30, 35);
-  auto came = stats(record);
-  ASSERT_EQ(came.size(), 6u);
-  for (std::uint64_t i = 0; i < 6; ++i) {
-    EXPECT_EQ(came[i].update(), 30 + i);
-    EXPECT_EQ(came[i].reward(), static_cast<float>(30 + i) / 2);
-    EXPECT_EQ(came[i].wall(), static_cast<double>(30 + i) * 3);
-    EXPECT_EQ(came[i].run_id(), 5u);
-    EXPECT_EQ(std::string(came[i].header().sender().c_str()), "policy");
-  }
-  ask(1, 22);
-  EXPECT_EQ(stats(record).size(), 2u) << "those before were of another process";
-  ask(100, 10'000);
-  came = stats(record);
-  ASSERT_EQ(came.size(), std::size_t{msg::MAX_STATS_ASKED});
-  EXPECT_EQ(came.front().update(), 100u);
-  ask(419, ~std::uint64_t{0});
-  EXPECT_EQ(stats(record).size(), 2u);
-  ask(421, 500);
-  ask(30, 29);
-  ask(30, 35, 6);
-  EXPECT_TRUE(stats(record).empty()) << "not there, nothing, another run";
-  ask(~std::uint64_t{0}, ~std::uint64_t{0});
   EXPECT_TRUE(stats(record).empty());
+  EXPECT_FALSE(record.reader_expected()) << "nobody reads";
+  // One that comes late gets all, as fast as it acknowledges.
+  acknowledge(0);
+  std::uint64_t has = 0;
+  while (has < 400) {
+    const auto came = stats(record);
+    ASSERT_FALSE(came.empty());
+    ASSERT_LE(came.size(), 64u);
+    for (const msg::TrainingStat& one : came) expect_stat(one, ++has);
+    EXPECT_TRUE(record.reader_expected());
+    acknowledge(has);
+  }
+  EXPECT_TRUE(stats(record).empty());
+  EXPECT_FALSE(record.reader_expected());
+  acknowledge(398);
+  EXPECT_EQ(stats(record).size(), 2u) << "it has lost some";
+  acknowledge(400);
+  acknowledge(30, 6);
+  EXPECT_TRUE(stats(record).empty()) << "another run";
+  const std::uint64_t rejected = policy.traffic.rejected;
+  acknowledge(401);
+  EXPECT_TRUE(stats(record).empty());
+  EXPECT_EQ(policy.traffic.rejected, rejected + 1) << "it was not made";
 }
 
 TEST_F(RunAnnouncerTest, AHeartBeatsWhileTheNodesThreadComputes) {

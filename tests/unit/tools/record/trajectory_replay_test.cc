@@ -20,8 +20,7 @@ msg::Trajectory trajectory(std::uint64_t number) {
   msg::Trajectory t;
   sign(t.header(), "actor", 9, number);
   t.learner("was");
-  t.learner_incarnation(3);
-  t.number(number);
+  t.log() = log_position(number, 3);
   t.environment("env");
   t.step(kSteps * (number - 1));
   t.version(number);
@@ -76,16 +75,16 @@ struct ScriptedLearner {
     msg::Trajectory t;
     while (node.take(t)) {
       EXPECT_STREQ(t.learner().c_str(), "learner");
-      EXPECT_EQ(t.learner_incarnation(), node.incarnation());
-      EXPECT_LE(t.number(), taken.size() + kRoom) << "there is no room";
-      if (t.number() == taken.size() + 1) taken.push_back(t);
+      EXPECT_EQ(t.log().stream(), node.incarnation());
+      EXPECT_LE(t.log().number(), taken.size() + kRoom) << "there is no room";
+      if (t.log().number() == taken.size() + 1) taken.push_back(t);
       acknowledge(t.header().sender().c_str(), t.header().incarnation());
     }
   }
   void acknowledge(const std::string& actor, std::uint64_t incarnation) {
     msg::TrajectoryAcknowledgement message;
-    message.actor(actor);
-    message.actor_incarnation(incarnation);
+    message.writer(actor);
+    message.writer_incarnation(incarnation);
     message.number(taken.size());
     message.limit(taken.size() + kRoom);
     node.publish(message);
