@@ -15,6 +15,7 @@
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
 #include <fastdds/dds/topic/TypeSupport.hpp>
+#include <limits>
 
 #include "core/dds/middleware_fastdds_api.h"
 #include "core/dds/middleware_fastdds_listener.h"
@@ -47,6 +48,11 @@ constexpr std::uint32_t kHeartbeat = 2'000'000;
 constexpr std::uint32_t kHeartbeatPerParticipant = 400'000;
 constexpr std::uint32_t kMaxHeartbeat = 100'000'000;
 constexpr std::uint32_t kHeartbeatToAll = 20'000'000;
+
+// The most samples of a writer's history in a secured session: as many as the chunks that one request brings. With
+// security Fast DDS 2.9 was seen to end its process where much of a history went out again at once. So many records of
+// up to 1 KB fit one message.
+constexpr int kSecuredDepth = 64;
 
 // Fast announces a new participant before it reads what others answer. An answer that comes at once is lost, and the
 // next one would come with the period of announcements. So each one is given twice.
@@ -112,9 +118,10 @@ using TopicOwner = std::shared_ptr<dds::Topic>;
 
 class FastPublisher : public Publisher {
  public:
-  FastPublisher(dds::Publisher* publisher, TopicOwner dds_topic, const Topic& topic, std::uint32_t heartbeat)
+  FastPublisher(dds::Publisher* publisher, TopicOwner dds_topic, const Topic& topic, std::uint32_t heartbeat,
+                int most_kept)
       : publisher_(publisher), topic_(topic), dds_topic_(std::move(dds_topic)) {
-    const int depth = depth_of(topic.profile).writer;
+    const int depth = std::min(depth_of(topic.profile).writer, most_kept);
     auto qos = reliable_qos<dds::DataWriterQos>(topic.profile, depth);
     qos.reliability().max_blocking_time = Duration(0, std::chrono::nanoseconds(kBlocking).count());
     qos.durability_service().history_kind = dds::KEEP_LAST_HISTORY_QOS;
@@ -242,6 +249,7 @@ class FastMiddleware : public Middleware {
  public:
   explicit FastMiddleware(const Network& network)
       : heartbeat_(network.loopback_only ? kLoopbackHeartbeat : kHeartbeat),
+        most_kept_(network.security.empty() ? std::numeric_limits<int>::max() : kSecuredDepth),
         answers_again_(network.security.empty() && !(network.multicast && std::getenv("ROS_DISCOVERY_SERVER"))) {
     forward_log_once();
     dds::DomainParticipantQos qos;
@@ -305,7 +313,7 @@ class FastMiddleware : public Middleware {
   }
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    return std::make_unique<FastPublisher>(publisher_, own(topic, true), topic, heartbeat_period(topic));
+    return std::make_unique<FastPublisher>(publisher_, own(topic, true), topic, heartbeat_period(topic), most_kept_);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
     return std::make_unique<FastSubscription>(subscriber_, own(topic, false), topic, wakeup_);
@@ -355,6 +363,7 @@ class FastMiddleware : public Middleware {
   }
 
   const std::uint32_t heartbeat_;  // ns, the shortest period
+  const int most_kept_;            // samples of a writer
   // In a secured session participants repeat what they say to prove who they are; servers tell of everybody.
   const bool answers_again_;
   rtps::octet announcement_ = 0;
