@@ -54,12 +54,10 @@ inline constexpr auto kPythonIdle = 500ms;          ///< between two answers of 
 inline constexpr auto kPythonRelease = 2s;          ///< for env_services to confirm that it lets them go
 
 // Encoders.
-inline constexpr auto kEncoderSettle = 1s;      ///< for others to say what they encode before a claim
-inline constexpr auto kClaimRepeat = 200ms;     ///< between statuses that wait to be acknowledged
+inline constexpr auto kEncoderSettle = 1s;      ///< for others to say what they encode
+inline constexpr auto kEncoderJoin = 200ms;     ///< for others to hear of one that joins, before it begins a block
 inline constexpr auto kPresentInterval = 20ms;  ///< between statuses that tell of new frames only
-inline constexpr auto kClaimTimeout =
-    5s;  ///< until a peer that acknowledges nothing is not waited for: it may hear nothing
-inline constexpr auto kMaxUnserved = 6s;  ///< without a completed TraversalInfo, though the encoder_service lives
+inline constexpr auto kMaxUnserved = 6s;        ///< without a completed TraversalInfo, though the encoder_service lives
 inline constexpr auto kEncoderBusyInterval = 5ms;  ///< between looks at what the background threads have done
 
 // What people see.
@@ -90,8 +88,7 @@ inline constexpr auto kStopCheckInterval =
     50ms;  ///< at most, between two looks of a loop at what is due and whether to stop
 
 static_assert(2 * kHeartbeat < kSilence && kHeartbeat < kHandover && kHandover < kSilence);
-static_assert(kWriterLifetime > kSilence && kTwinGrace > kSilence && kRunSilence > kSilence &&
-              kClaimTimeout > kSilence);
+static_assert(kWriterLifetime > kSilence && kTwinGrace > kSilence && kRunSilence > kSilence);
 static_assert(kMaxUnserved > kSilence + kHandover && kLinger > kSilence + kHandover);
 static_assert(kObservationResend < kObeysOther && kSettingsResend < kObeysOther && kObservationResendMax < kSilence);
 static_assert(kAssignmentResend < kSilence && kAlarmDelay < kCommandGiveUp && kFeaturesTimeout > kSilence);
@@ -100,7 +97,7 @@ static_assert(2 * kAcknowledge < kSilence && kAcknowledge < kReplayQuiet);
 static_assert(kObjectCrossing < kObjectRetry && kObjectRetry <= kDashboardRetry,
               "what is lost is sent at the first retry");
 static_assert(kEncoderSettle >= kHeartbeat && kActorSettle >= kHeartbeat && kEndContestTimeout > kHeartbeat);
-static_assert(kPresentInterval < kClaimRepeat && kClaimRepeat < kSilence);
+static_assert(kPresentInterval < kEncoderJoin && kEncoderJoin < kEncoderSettle);
 static_assert(2 * kRankHeartbeat < kRankSilence && kRankRepeat < kRankHeartbeat && kRankPaused < kRankSilence);
 static_assert(5 * kGlooConnect <= kRankSilence && kGlooReceive <= kRankSilence);
 static_assert(kRankSilence + kRankSettle + 4 * kRankRepeat < 3s, "ranks go on within 3 s without one that is lost");

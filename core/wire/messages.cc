@@ -221,9 +221,8 @@ void check(const DescriptorStatus& m, const std::string& type) {
   if (m.dimension() > MAX_DESCRIPTOR) refuse(type, "dimension", "must be at most " + std::to_string(MAX_DESCRIPTOR));
   const std::size_t blocks = (m.frames() + FRAMES_PER_BLOCK - 1) / FRAMES_PER_BLOCK;
   if (!m.present().empty() && m.present().size() != blocks) refuse(type, "present", counts(m.present().size(), blocks));
-  for (const auto& [field, sequence] : {std::pair{"encoding", &m.encoding()}, std::pair{"claimed", &m.claimed()}})
-    for (const std::uint32_t block : *sequence)
-      if (block >= blocks) refuse(type, field, "block " + std::to_string(block) + " of " + std::to_string(blocks));
+  for (const std::uint32_t block : m.encoding())
+    if (block >= blocks) refuse(type, "encoding", "block " + std::to_string(block) + " of " + std::to_string(blocks));
 }
 
 void check(const Descriptor& m, const std::string& type) {

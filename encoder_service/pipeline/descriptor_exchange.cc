@@ -11,6 +11,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::size_t kMaxTraversals = 4096;  // any process may name one
+constexpr std::size_t kMaxEncoders = 256;     // of one session
 constexpr int kMinFramesAsked = 16;           // frames of a block that a peer has not finished
 
 }  // namespace
@@ -22,21 +23,21 @@ DescriptorExchange::DescriptorExchange(Node& node) : node_(node), started_(Clock
   node_.create_writer<msg::DescriptorStatus>();
 }
 
-BlockClaims& DescriptorExchange::claims(std::uint64_t hash, std::uint32_t frames) {
+BlockDivision& DescriptorExchange::division(std::uint64_t hash, std::uint32_t frames) {
   auto found = traversals_.find(hash);
   // What others say of it does not count as much as what this service was told by its env_service.
-  if (found != traversals_.end() && found->second.claims.frames() != frames) {
+  if (found != traversals_.end() && found->second.division.frames() != frames) {
     traversals_.erase(found);
     found = traversals_.end();
   }
-  return found == traversals_.end() ? add(hash, frames) : found->second.claims;
+  return found == traversals_.end() ? add(hash, frames) : found->second.division;
 }
 
-BlockClaims& DescriptorExchange::add(std::uint64_t hash, std::uint32_t frames) {
-  BlockClaims& claims =
-      traversals_.emplace(hash, Traversal{BlockClaims(node_.incarnation(), hash, frames)}).first->second.claims;
-  for (const auto& [incarnation, peer] : peers_) claims.add_peer(incarnation, peer.id);
-  return claims;
+BlockDivision& DescriptorExchange::add(std::uint64_t hash, std::uint32_t frames) {
+  BlockDivision& division =
+      traversals_.emplace(hash, Traversal{BlockDivision(node_.incarnation(), hash, frames)}).first->second.division;
+  for (const auto& [incarnation, peer] : peers_) division.add_peer(incarnation, peer.id);
+  return division;
 }
 
 void DescriptorExchange::share(TraversalWork& work) { traversals_.at(work.key().traversal).work = &work; }
@@ -48,10 +49,10 @@ bool DescriptorExchange::hear(std::uint64_t incarnation, const std::string& id, 
     known->second.presence.heard(now);
     return true;
   }
-  if (incarnation == 0 || peers_.size() >= msg::MAX_ENCODERS) return false;
+  if (incarnation == 0 || peers_.size() >= kMaxEncoders) return false;
   spdlog::info("encoder_service '{}' takes part", id);
   peers_[incarnation] = {id, Presence(now)};
-  for (auto& [hash, traversal] : traversals_) traversal.claims.add_peer(incarnation, id);
+  for (auto& [hash, traversal] : traversals_) traversal.division.add_peer(incarnation, id);
   return true;
 }
 
@@ -61,7 +62,7 @@ void DescriptorExchange::drop(std::uint64_t incarnation) {
   spdlog::info("encoder_service '{}' takes part no longer", found->second.id);
   peers_.erase(found);
   fetches_.erase(incarnation);
-  for (auto& [hash, traversal] : traversals_) traversal.claims.remove_peer(incarnation);
+  for (auto& [hash, traversal] : traversals_) traversal.division.remove_peer(incarnation);
 }
 
 void DescriptorExchange::on_heartbeat(const msg::ServiceStatus& status, Clock::time_point now) {
@@ -76,8 +77,8 @@ void DescriptorExchange::on_status(const msg::DescriptorStatus& status, Clock::t
   const auto found = traversals_.find(status.hash());
   if (found == traversals_.end() && traversals_.size() >= kMaxTraversals) return;
   if (!hear(status.header().incarnation(), status.header().sender().c_str(), now)) return;
-  BlockClaims& claims = found == traversals_.end() ? add(status.hash(), status.frames()) : found->second.claims;
-  claims.take(status, now);
+  BlockDivision& division = found == traversals_.end() ? add(status.hash(), status.frames()) : found->second.division;
+  division.take(status, now);
 }
 
 void DescriptorExchange::on_request(const msg::DescriptorRequest& request) {
@@ -98,7 +99,7 @@ std::shared_ptr<const ObjectBytes> DescriptorExchange::find(const ObjectKey& key
   object.dimension() = work.key().dimension;
   object.values().resize(static_cast<std::size_t>(std::popcount(key.item)) * dimension);
   std::span<float> to(object.values());
-  for (const int frame : BlockClaims::frames_of(static_cast<int>(key.part), key.item)) {
+  for (const int frame : BlockDivision::frames_of(static_cast<int>(key.part), key.item)) {
     if (!work.read(frame, to.first(dimension))) return {};  // lost on the disk: the one that asks encodes them
     to = to.subspan(dimension);
   }
@@ -113,7 +114,7 @@ void DescriptorExchange::on_chunk(const msg::DescriptorChunk& chunk, Clock::time
   bool damaged = fetch.object.take(chunk, now) == Taken::kDamaged;
   if (const auto object = fetch.object.next()) {
     const bool absent = object->bytes.empty();
-    if (absent) traversal.claims.withhold(found->first, fetch.block);
+    if (absent) traversal.division.withhold(found->first, fetch.block);
     if (absent || finish(fetch, *object, *traversal.work)) {
       fetches_.erase(found);
       return;
@@ -138,7 +139,7 @@ bool DescriptorExchange::finish(const Fetch& fetch, const FetchedObject& object,
       return false;
     const Eigen::Map<const Eigen::MatrixXf> columns(descriptor.values().data(), key.dimension, frames);
     Eigen::Index column = 0;
-    for (const int frame : BlockClaims::frames_of(fetch.block, fetch.frames))
+    for (const int frame : BlockDivision::frames_of(fetch.block, fetch.frames))
       work.put_fetched(frame, columns.col(column++));
   } catch (const Error&) {
     return false;
@@ -156,13 +157,13 @@ void DescriptorExchange::begin_fetches() {
 }
 
 void DescriptorExchange::begin_fetch(std::uint64_t incarnation, std::uint64_t hash, Traversal& traversal) {
-  BlockClaims& claims = traversal.claims;
+  BlockDivision& division = traversal.division;
   TraversalWork& work = *traversal.work;
-  const BlockClaims::Peer& peer = claims.peers().at(incarnation);
+  const BlockDivision::Peer& peer = division.peers().at(incarnation);
   for (int block = 0; block < static_cast<int>(work.lacking().size()); ++block) {
-    const auto wanted = [&] { return claims.offered(peer, block) & work.lacking()[static_cast<std::size_t>(block)]; };
-    if (wanted() == 0 || claims.has(block)) continue;
-    if (std::popcount(wanted()) < kMinFramesAsked && claims.encoded_by_peer(block)) continue;
+    const auto wanted = [&] { return division.offered(peer, block) & work.lacking()[static_cast<std::size_t>(block)]; };
+    if (wanted() == 0 || division.encoding().contains(block)) continue;
+    if (std::popcount(wanted()) < kMinFramesAsked && division.encoded_by_peer(block)) continue;
     if (std::any_of(fetches_.begin(), fetches_.end(),
                     [&](const auto& entry) { return entry.second.hash == hash && entry.second.block == block; }))
       continue;
@@ -188,14 +189,14 @@ void DescriptorExchange::advance(Clock::time_point now) {
       ++fetch;
       continue;
     }
-    traversals_.at(fetch->second.hash).claims.withhold(fetch->first, fetch->second.block);
+    traversals_.at(fetch->second.hash).division.withhold(fetch->first, fetch->second.block);
     fetch = fetches_.erase(fetch);
   }
   begin_fetches();
   for (auto& [incarnation, fetch] : fetches_) ask(incarnation, fetch, now);
   for (auto& [hash, traversal] : traversals_)
-    if (traversal.claims.fill(now, traversal.work ? traversal.work->present() : std::span<const std::uint64_t>(),
-                              status_))
+    if (traversal.division.fill(now, traversal.work ? traversal.work->present() : std::span<const std::uint64_t>(),
+                                status_))
       node_.publish(status_);
 }
 

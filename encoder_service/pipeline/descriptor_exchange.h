@@ -11,7 +11,7 @@
 #include "core/exchange/presence.h"
 #include "core/exchange/timing.h"
 #include "core/wire/node.h"
-#include "encoder_service/pipeline/block_claims.h"
+#include "encoder_service/pipeline/block_division.h"
 #include "encoder_service/pipeline/traversal_work.h"
 
 namespace citylearn {
@@ -20,18 +20,15 @@ namespace citylearn {
 /// have, and sends them those of this one (idl/descriptor.idl). Used by the node's thread.
 class DescriptorExchange {
  public:
-  /// After this time an encoder_service that starts has heard the others and may claim blocks.
-
   /// `node` must outlive it.
   explicit DescriptorExchange(Node& node);
 
-  /// Returns the claims to the blocks of a traversal, before share().
-  BlockClaims& claims(std::uint64_t hash, std::uint32_t frames);
+  /// Returns how the blocks of a traversal are divided, before share().
+  BlockDivision& division(std::uint64_t hash, std::uint32_t frames);
   /// Exchanges the descriptors of a traversal from now on. `work` must outlive this.
   void share(TraversalWork& work);
-  /// Returns whether others take part.
-  bool shared() const { return !peers_.empty(); }
-  bool may_claim(Clock::time_point now) const { return now >= started_ + kEncoderSettle; }
+  /// Returns whether this one may begin a block: it has had time to hear of others.
+  bool settled(Clock::time_point now) const { return now >= started_ + kEncoderSettle; }
 
   /// Takes the heartbeat of another encoder_service.
   void on_heartbeat(const msg::ServiceStatus& status, Clock::time_point now);
@@ -43,7 +40,7 @@ class DescriptorExchange {
 
  private:
   struct Traversal {
-    BlockClaims claims;
+    BlockDivision division;
     TraversalWork* work = nullptr;  // null: its frames are not known here, or not what makes descriptors
   };
   struct Peer {
@@ -58,7 +55,7 @@ class DescriptorExchange {
     ObjectFetch object{{hash, static_cast<std::uint32_t>(block), kObjectRetry, RequestTimer::kDefaultTries}};
   };
 
-  BlockClaims& add(std::uint64_t hash, std::uint32_t frames);
+  BlockDivision& add(std::uint64_t hash, std::uint32_t frames);
   bool hear(std::uint64_t incarnation, const std::string& id, Clock::time_point now);
   void drop(std::uint64_t incarnation);
   void begin_fetches();

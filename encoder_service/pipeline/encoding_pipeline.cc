@@ -9,7 +9,6 @@
 #include <opencv2/core.hpp>
 
 #include "core/files/files.h"
-#include "core/util/random.h"
 #include "encoder_service/encoding/picture_encoder.h"
 #include "encoder_service/pipeline/learned_files.h"
 
@@ -257,8 +256,8 @@ void EncodingPipeline::encode_traversals() {
   for (EncodedTraversal* traversal : order) {
     if (!traversal->work) {
       FeatureStore::Key key{spec_.name, spec_.dimension, traversal->hash, traversal->frames};
-      BlockClaims& claims = exchange_.claims(traversal->hash, static_cast<std::uint32_t>(traversal->frames));
-      traversal->work = std::make_unique<TraversalWork>(options_.store, key, claims);
+      BlockDivision& division = exchange_.division(traversal->hash, static_cast<std::uint32_t>(traversal->frames));
+      traversal->work = std::make_unique<TraversalWork>(options_.store, key, division);
       exchange_.share(*traversal->work);
       traversal->since = now_;
       traversal->next_progress = now_ + kProgressInterval;
@@ -276,23 +275,17 @@ void EncodingPipeline::encode_traversals() {
   }
 }
 
-/// Claims blocks, and asks for the images of those whose claims hold. `ahead`: frames on their way.
+/// Begins blocks, and asks for their images. `ahead`: frames on their way.
 void EncodingPipeline::divide_work(EncodedTraversal& traversal, int& ahead) {
   TraversalWork& work = *traversal.work;
   forget(traversal, work.take_lost());
-  ahead += work.pending();
-  // Several services begin at different places.
-  const auto begin =
-      exchange_.shared()
-          ? static_cast<int>(mix_seeds({node_.incarnation()}) % static_cast<std::uint64_t>(work.frames()))
-          : 0;
   // Enough images are on their way that neither the wire nor the processor waits for the other.
-  while (!work.complete() && exchange_.may_claim(now_) && ahead < BlockClaims::kFrames + 2 * spec_.batch) {
-    const int frames = work.claim(begin);
-    if (frames == 0) break;
-    ahead += frames;
+  while (!work.complete() && exchange_.settled(now_) && ahead < BlockDivision::kFrames + 2 * spec_.batch) {
+    const std::vector<int> frames = work.begin(now_);
+    if (frames.empty()) break;
+    ahead += static_cast<int>(frames.size());
+    for (const int frame : frames) traversal.images.want(static_cast<std::uint64_t>(frame));
   }
-  for (const int frame : work.take_granted(now_)) traversal.images.want(static_cast<std::uint64_t>(frame));
 }
 
 /// Drops images of frames that this service need not encode any more, unless they are being encoded.

@@ -2,7 +2,6 @@
 #include "encoder_service/pipeline/traversal_work.h"
 
 #include <algorithm>
-#include <bit>
 
 #include "core/util/error.h"
 
@@ -10,15 +9,15 @@ namespace citylearn {
 namespace {
 
 constexpr auto kStorePollInterval = std::chrono::milliseconds(100);
-constexpr int kBlock = BlockClaims::kFrames;
+constexpr int kBlock = BlockDivision::kFrames;
 
 std::size_t block_of(int frame) { return static_cast<std::size_t>(frame / kBlock); }
 std::uint64_t bit_of(int frame) { return std::uint64_t{1} << (frame % kBlock); }
 
 }  // namespace
 
-TraversalWork::TraversalWork(const std::string& folder, const FeatureStore::Key& key, BlockClaims& claims)
-    : key_(key), claims_(claims) {
+TraversalWork::TraversalWork(const std::string& folder, const FeatureStore::Key& key, BlockDivision& division)
+    : key_(key), division_(division) {
   present_.assign(block_of(key.frames - 1) + 1, 0);
   lacking_ = present_;
   for (int frame = 0; frame < key.frames; ++frame) lacking_[block_of(frame)] |= bit_of(frame);
@@ -27,7 +26,7 @@ TraversalWork::TraversalWork(const std::string& folder, const FeatureStore::Key&
   else
     store_ = std::make_unique<FeatureStore>(folder, key);
   look_into_store();
-  claims_.set_encoder(key.encoder, static_cast<std::uint32_t>(key.dimension));
+  division_.set_encoder(key.encoder, static_cast<std::uint32_t>(key.dimension));
 }
 
 bool TraversalWork::is_lacking(int frame) const { return (lacking_[block_of(frame)] & bit_of(frame)) != 0; }
@@ -53,75 +52,54 @@ void TraversalWork::look_into_store() {
 void TraversalWork::look_for(int block) {
   if (!store_) return;
   std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
-  for (const int frame : lacking_frames({block}))
+  for (const int frame : lacking_frames(block))
     if (store_->read(frame, numbers)) note_done(frame, true);
   release_finished_blocks();
 }
 
-std::vector<int> TraversalWork::lacking_frames(const std::vector<int>& blocks) const {
+std::vector<int> TraversalWork::lacking_frames(int block) const {
+  return BlockDivision::frames_of(block, lacking_[static_cast<std::size_t>(block)]);
+}
+
+void TraversalWork::release_finished_blocks() {
+  for (const int block : std::vector<int>(division_.encoding().begin(), division_.encoding().end()))
+    if (lacking_[static_cast<std::size_t>(block)] == 0) drop({block});
+}
+
+/// Reserves a block in the store. Returns false when another process has it, or has finished it.
+bool TraversalWork::reserve(int block) {
+  if (!store_) return true;
+  std::unique_ptr<FeatureStore::Claim> lock =
+      store_->claim(block * kBlock, std::min(kBlock, key_.frames - block * kBlock));
+  if (!lock) return false;
+  look_for(block);
+  if (lacking_[static_cast<std::size_t>(block)] == 0) return false;
+  locks_[block] = std::move(lock);
+  return true;
+}
+
+std::vector<int> TraversalWork::begin(Clock::time_point now) {
+  // The store is looked into when there is nothing else to do, but not at every call.
+  if (store_ && now >= looked_ + kStorePollInterval) look_into_store();
+  const auto block = division_.begin(now, lacking_, [this](int one) { return reserve(one); });
+  return block ? lacking_frames(*block) : std::vector<int>();
+}
+
+/// Leaves blocks to others, and returns their frames that are not done.
+std::vector<int> TraversalWork::drop(const std::vector<int>& blocks) {
   std::vector<int> all;
   for (const int block : blocks) {
-    const std::vector<int> frames = BlockClaims::frames_of(block, lacking_[static_cast<std::size_t>(block)]);
+    division_.release(block);
+    locks_.erase(block);
+    const std::vector<int> frames = lacking_frames(block);
     all.insert(all.end(), frames.begin(), frames.end());
   }
   return all;
 }
 
-void TraversalWork::release_finished_blocks() {
-  for (const int block : claims_.blocks())
-    if (lacking_[static_cast<std::size_t>(block)] == 0) {
-      claims_.release(block);
-      locks_.erase(block);
-    }
-}
+std::vector<int> TraversalWork::take_lost() { return drop(division_.take_lost(lacking_)); }
 
-int TraversalWork::claim(int begin) {
-  // The store is looked into when there is nothing else to do, but not at every call.
-  if (store_ && Clock::now() >= looked_ + kStorePollInterval) look_into_store();
-  if (claims_.blocks().size() >= msg::MAX_BLOCKS_CLAIMED) return 0;
-  const int blocks = static_cast<int>(lacking_.size());
-  for (int i = 0; i < blocks; ++i) {
-    const int block = (begin / kBlock + i) % blocks;
-    const std::uint64_t& lacking = lacking_[static_cast<std::size_t>(block)];
-    if (lacking == 0 || claims_.has(block) || !claims_.is_free(block, lacking)) continue;
-    if (store_) {
-      std::unique_ptr<FeatureStore::Claim> lock =
-          store_->claim(block * kBlock, std::min(kBlock, key_.frames - block * kBlock));
-      if (!lock) continue;
-      look_for(block);  // the process that had it before may have finished it
-      if (lacking == 0) continue;
-      locks_[block] = std::move(lock);
-    }
-    claims_.claim(block);
-    return std::popcount(lacking);
-  }
-  return 0;
-}
-
-std::vector<int> TraversalWork::take_granted(Clock::time_point now) {
-  return lacking_frames(claims_.take_granted(now));
-}
-
-std::vector<int> TraversalWork::take_lost() {
-  const std::vector<int> blocks = claims_.take_lost(lacking_);
-  for (const int block : blocks) locks_.erase(block);
-  return lacking_frames(blocks);
-}
-
-std::vector<int> TraversalWork::give_back() {
-  const std::vector<int> blocks = claims_.blocks();
-  for (const int block : blocks) {
-    claims_.release(block);
-    locks_.erase(block);
-  }
-  return lacking_frames(blocks);
-}
-
-int TraversalWork::pending() const {
-  int frames = 0;
-  for (const int block : claims_.pending()) frames += std::popcount(lacking_[static_cast<std::size_t>(block)]);
-  return frames;
-}
+std::vector<int> TraversalWork::give_back() { return drop({division_.encoding().begin(), division_.encoding().end()}); }
 
 int TraversalWork::take(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
   if (!is_lacking(frame)) return 0;

@@ -10,30 +10,25 @@
 #include <vector>
 
 #include "core/util/types.h"
-#include "encoder_service/pipeline/block_claims.h"
+#include "encoder_service/pipeline/block_division.h"
 #include "encoder_service/pipeline/feature_store.h"
 
 namespace citylearn {
 
 /// Tracks which descriptors of one traversal exist and which this process is to make. Processes of one session divide
-/// the blocks by BlockClaims. Those that share a store, of other sessions too, also reserve blocks by file locks, and
+/// the blocks by BlockDivision. Those that share a store, of other sessions too, also reserve blocks by file locks, and
 /// take from it what others made. Used by one thread, apart from descriptors().
 class TraversalWork {
  public:
   /// `folder` of the store; empty: descriptors are kept in memory alone. Throws Error.
-  TraversalWork(const std::string& folder, const FeatureStore::Key& key, BlockClaims& claims);
+  TraversalWork(const std::string& folder, const FeatureStore::Key& key, BlockDivision& division);
 
-  /// Claims a block with frames that are not done, which the search from frame `begin` on finds first. Returns how many
-  /// they are; 0: nothing can be claimed now.
-  int claim(int begin);
-  /// Returns the frames to make now, in blocks whose claims have come to hold.
-  std::vector<int> take_granted(Clock::time_point now);
+  /// Begins a block and returns its frames to be made; empty: there is none for this process now.
+  std::vector<int> begin(Clock::time_point now);
   /// Returns frames in blocks that are others' by now: those not begun yet need not be made.
   std::vector<int> take_lost();
   /// Gives all blocks back, and returns their frames that are not done.
   std::vector<int> give_back();
-  /// Returns how many frames are in claims that do not hold yet.
-  int pending() const;
 
   void put(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor);
   /// Puts a descriptor that another process made.
@@ -68,11 +63,13 @@ class TraversalWork {
   void note_done(int frame, bool present);
   int take(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor);
   void release_finished_blocks();
-  std::vector<int> lacking_frames(const std::vector<int>& blocks) const;
+  std::vector<int> lacking_frames(int block) const;
+  std::vector<int> drop(const std::vector<int>& blocks);
+  bool reserve(int block);
   bool is_lacking(int frame) const;
 
   const FeatureStore::Key key_;
-  BlockClaims& claims_;
+  BlockDivision& division_;
   std::unique_ptr<FeatureStore> store_;
   std::shared_ptr<Eigen::MatrixXf> memory_;  // D x F; without a store only
   std::vector<std::uint64_t> present_, lacking_;

@@ -138,8 +138,7 @@ void agree(Filler& f, Chunk& m) {
 inline void agree(Filler& f, msg::DescriptorStatus& m) {
   m.frames(f.least() ? 1 : f.most() ? msg::MAX_FRAMES : 16 * msg::FRAMES_PER_BLOCK - 5);
   m.dimension(f.least() ? 0 : f.most() ? msg::MAX_DESCRIPTOR : 128);
-  for (auto* blocks : {&m.encoding(), &m.claimed()})
-    for (std::uint32_t& block : *blocks) block %= static_cast<std::uint32_t>(m.present().size());
+  for (std::uint32_t& block : m.encoding()) block %= static_cast<std::uint32_t>(m.present().size());
 }
 
 template <class Message>

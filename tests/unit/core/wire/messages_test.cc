@@ -98,13 +98,12 @@ TEST(Messages, BigEndianIsRead) {
 }
 
 TEST(Messages, ABooleanIsZeroOrOne) {
-  msg::DescriptorStatus message = sample_of<msg::DescriptorStatus>(Size::kTypical);
+  msg::RunInfo message = sample_of<msg::RunInfo>(Size::kTypical);
   Bytes bytes = encoded(message);
-  message.unacknowledged(!message.unacknowledged());
+  message.ended(!message.ended());
   const auto [at, _] = std::mismatch(bytes.begin(), bytes.end(), encoded(message).begin());
   *at = std::byte{2};
-  EXPECT_EQ(decode_error<msg::DescriptorStatus>(bytes),
-            "citylearn::msg::DescriptorStatus.unacknowledged: not a boolean");
+  EXPECT_EQ(decode_error<msg::RunInfo>(bytes), "citylearn::msg::RunInfo.ended: not a boolean");
 }
 
 TEST(Messages, OtherEncapsulationsAreRefused) {
@@ -225,9 +224,6 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::DescriptorStatus>("present: 15 entries, should be 16", [](auto& m) { m.present().pop_back(); });
   expect_error<msg::DescriptorStatus>("", [](auto& m) { m.present().clear(); });
   expect_error<msg::DescriptorStatus>("encoding: block 16 of 16", [](auto& m) { m.encoding()[2] = 16; });
-  expect_error<msg::DescriptorStatus>("claimed: block 17 of 16", [](auto& m) { m.claimed()[0] = 17; });
-  expect_error<msg::DescriptorStatus>("acknowledged: 16 entries, should be 17 as many as heard has",
-                                      [](auto& m) { m.heard().push_back(1); });
   expect_error<msg::Trajectory>("shown: 32 entries, should be 33, one more than action has",
                                 [](auto& m) { m.shown().pop_back(); });
   expect_error<msg::Trajectory>("reward: 31 entries, should be 32 as many as action has",

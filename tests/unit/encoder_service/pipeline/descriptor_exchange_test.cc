@@ -28,7 +28,7 @@ struct Service {
   explicit Service(const std::string& id, const std::string& encoder = "hog", const std::string& folder = "")
       : node({middleware_options("inprocess"), "encoder_service", id, "exchange"}),
         exchange(node),
-        work(folder, {encoder, kLongDimension, kExchangedHash, kFrames}, exchange.claims(kExchangedHash, kFrames)) {
+        work(folder, {encoder, kLongDimension, kExchangedHash, kFrames}, exchange.division(kExchangedHash, kFrames)) {
     node.create_reader<msg::ServiceStatus>();
     exchange.share(work);
   }
@@ -92,7 +92,7 @@ TEST(DescriptorExchange, OtherEncodersDescriptorsAreNotAskedFor) {
   Service one("one"), two("two", "patchnorm");
   one.put(0, kFrames);
   const auto heard = [&] {
-    const auto& peers = two.exchange.claims(kExchangedHash, kFrames).peers();
+    const auto& peers = two.exchange.division(kExchangedHash, kFrames).peers();
     return peers.contains(one.node.incarnation()) && peers.at(one.node.incarnation()).present.size() == 3;
   };
   ASSERT_TRUE(eventually([&] { one.spin(), two.spin(); }, heard));
@@ -105,12 +105,10 @@ class Liar {
  public:
   Liar() : node_({middleware_options("inprocess"), "encoder_service", "liar", "exchange"}) {
     node_.create_reader<msg::DescriptorRequest>();
-    node_.create_reader<msg::DescriptorStatus>();
     status_.hash(kExchangedHash);
     status_.frames(kFrames);
     status_.encoder() = "hog";
     status_.dimension(kLongDimension);
-    status_.revision(1);
     status_.present() = {0xFFFF, 0, 0};
     node_.publish(status_);
   }
@@ -118,12 +116,6 @@ class Liar {
   void spin(
       const std::function<void(msg::Descriptor& object)>& lie,
       const std::function<void(msg::DescriptorChunk& chunk)>& damage = [](auto&) {}) {
-    msg::DescriptorStatus other;
-    while (node_.take(other)) {
-      status_.heard() = {other.header().incarnation()};
-      status_.acknowledged() = {other.revision()};
-      node_.publish(status_);
-    }
     msg::DescriptorRequest request;
     while (node_.take(request)) {
       ++requests;
@@ -176,7 +168,7 @@ TEST(DescriptorExchange, DamagedDescriptorsAreRefusedAndEncodedHere) {
     Service one("one");
     Liar liar;
     const auto free = [&] {
-      return one.exchange.claims(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
+      return one.exchange.division(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
     };
     ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(damage.lie, damage.damage); }, free)) << name;
     EXPECT_EQ(one.work.done(), 0) << name;
@@ -189,7 +181,7 @@ TEST(DescriptorExchange, WhatIsNotSentIsEncodedHere) {
   Liar liar;
   const auto mute = [](msg::DescriptorChunk& chunk) { chunk.hash() ^= 1; };
   const auto free = [&] {
-    return one.exchange.claims(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
+    return one.exchange.division(kExchangedHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0;
   };
   ASSERT_TRUE(eventually([&] { one.spin(), liar.spin([](auto&) {}, mute); }, free));
   EXPECT_EQ(one.work.done(), 0);
