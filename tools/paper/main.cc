@@ -1,21 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 // citylearn paper: repeats the paper's experiments on the given data and reports them.
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <ctime>
+#include <fstream>
 #include <iostream>
 #include <optional>
+#include <thread>
 
 #include "core/files/files.h"
 #include "core/plugin/plugins.h"
 #include "core/util/error.h"
 #include "core/util/version.h"
+#include "core/util/wall_clock.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "policy_service/run/sweep.h"
 #include "tools/lab/programs.h"
-#include "tools/paper/manifest.h"
 #include "tools/paper/sections/sections.h"
 
 namespace {
@@ -75,10 +78,10 @@ void add_options(CLI::App& app, CommandLine& line) {
 }
 
 /// Returns the agents compared: the paper's, and the one that this project recommends.
-std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint64_t>& seeds, bool quick) {
+std::vector<Agent> agents_of(World& world, const std::vector<std::uint64_t>& seeds, bool quick) {
   const std::string features = world.representations({64}).front();
   const std::vector<std::uint64_t> few = quick ? std::vector{seeds.front()} : seeds;
-  std::vector<Context::Agent> agents = {{"baseline", features, seeds, 40}, {"features", features, few, 90}};
+  std::vector<Agent> agents = {{"baseline", features, seeds, 40}, {"features", features, few, 90}};
   if (world.pictures()) agents.push_back({"raw_images", "raw84", few, 150});
   agents.push_back({"place_filter", features, seeds, 6});
   return agents;
@@ -91,6 +94,52 @@ WorldOptions drawn_city(const CommandLine& line) {
   options.most_frames = line.quick ? 256 : 512;
   options.store = line.world.store;
   return options;
+}
+
+Json machine() {
+  std::string model = "unknown", line;
+  for (std::ifstream file("/proc/cpuinfo"); std::getline(file, line);)
+    if (const std::size_t colon = line.find(": "); line.starts_with("model name") && colon != line.npos) {
+      model = line.substr(colon + 2);
+      break;
+    }
+  return {{"processors", std::thread::hardware_concurrency()},
+          {"model", model},
+          {"memory", static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE))},
+          {"instructions", Eigen::SimdInstructionSetsInUse()}};
+}
+
+Json data_of(World& world) {
+  Json traversals = Json::object();
+  for (const std::string& name : world.names()) {
+    const Traversal& traversal = world.recording(name);
+    traversals[name] = {{"condition", traversal.condition},
+                        {"frames", traversal.frames},
+                        {"features", traversal.dimension},
+                        {"hash", world.hashes({name})[name]}};
+  }
+  return {{"dataset", world.dataset()}, {"drawn", world.drawn()}, {"train", world.train()}, {"traversals", traversals}};
+}
+
+/// Returns manifest.json: what one needs to know to make the report again. "begun" and "seconds" are of the run that
+/// wrote it; "work" holds what each unit took whenever it was done. The program that makes the page adds "files", the
+/// SHA-256 of all files of the report.
+Json manifest_of(const Context& context, const std::string& command, std::time_t begun, double seconds) {
+  Json data = Json::array({data_of(context.world)});
+  if (&context.drawn != &context.world) data.push_back(data_of(context.drawn));
+  return {{"program", "citylearn_paper " + version()},
+          {"compiler", __VERSION__},
+          {"plugins", loaded_plugins()},
+          {"machine", machine()},
+          {"command", command},
+          {"begun", date_of(begun)},
+          {"seconds", seconds},
+          {"quick", context.quick},
+          {"effort", context.effort},
+          {"seeds", context.seeds},
+          {"frames", context.frames},
+          {"data", data},
+          {"work", context.work.times()}};
 }
 
 int make_report(CommandLine& line) {
@@ -122,7 +171,7 @@ int make_report(CommandLine& line) {
       wanted.push_back(section);
   Json parts = Json::array();
   for (const Section& section : wanted)
-    parts.push_back({{"name", section.name}, {"title", section.title}, {"data", section.plan(context)}});
+    parts.push_back({{"name", section.name}, {"title", section.title}, {"data", planned(section, context)}});
   bool well = work.run();
   for (std::size_t i = 0; i < wanted.size(); ++i) try {
       if (wanted[i].complete) wanted[i].complete(context, parts[i]["data"]);
@@ -141,7 +190,8 @@ int make_report(CommandLine& line) {
                                                 {"measurements", work.measurements()}}
                                                    .dump() +
                                                "\n");
-  write_file(line.output + "/manifest.json", manifest_of(context, line.text, begun, seconds_since(start)));
+  write_file(line.output + "/manifest.json",
+             manifest_of(context, line.text, begun, seconds_since(start)).dump(2) + "\n");
   spdlog::info("drawing the figures");
   lab::run_python("paper/report", {line.output});
   std::cout << line.output << "/report.html" << std::endl;

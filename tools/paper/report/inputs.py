@@ -90,11 +90,3 @@ class Inputs:
     def outcome(self, unit: int) -> Any:
         """Returns None for a unit that failed."""
         return self._outcomes[unit]
-
-    def outcomes(self, units: list[int]) -> list[Any]:
-        """Returns those that did not fail."""
-        return [self._outcomes[unit] for unit in units if self._outcomes[unit] is not None]
-
-    def controls(self, data: Any) -> dict[str, list[Any]]:
-        """Returns the outcomes of policies that learn nothing, by label; None where one failed."""
-        return {control["label"]: [self._outcomes[control["unit"]]] for control in data["controls"]}

@@ -6,14 +6,15 @@ from pathlib import Path
 
 from inputs import InputError, Inputs
 from page import Page
-from sections import comparisons, figure_10, figures, map as junction_map, transfer, viewpoint
+from sections import comparisons, figure_10, figures, junctions, recognition, tables, transfer, viewpoint
+from study import Study
 
 RENDERERS = {
-    "figure-2": figures.figure_2, "figure-6": figures.figure_6, "figure-7": figures.figure_7,
-    "figure-8-9": figures.figure_8_9, "figure-10": figure_10.render, "tables": figures.tables,
+    "figure-2": figures.figure_2, "figure-6": recognition.render, "figure-7": figures.figure_7,
+    "figure-8-9": figures.figure_8_9, "figure-10": figure_10.render, "tables": tables.render,
     "longer-routes": comparisons.longer_routes, "transfer": transfer.render, "viewpoint": viewpoint.render,
     "experiences": comparisons.experiences, "imperfect-world": comparisons.imperfect_world,
-    "dimensions": comparisons.dimensions, "map": junction_map.render}
+    "dimensions": comparisons.dimensions, "map": junctions.render}
 
 
 def make_report(folder: Path) -> None:
@@ -28,7 +29,7 @@ def make_report(folder: Path) -> None:
             continue
         if name not in RENDERERS:
             raise InputError(f"report.json: field 'name': unknown section '{name}' (run citylearn paper again)")
-        RENDERERS[name](inputs, data, page)
+        RENDERERS[name](Study(inputs, data, page))
         given += [strip["file"] for strip in data.get("strips", [])]
     kind = "drawn" if inputs.recordings.drawn else "real"
     page.write("CityLearn's experiments, again",

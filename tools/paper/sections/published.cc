@@ -5,8 +5,7 @@
 
 #include "encoder_service/encoding/encoder.h"
 #include "tools/paper/sections/sections.h"
-#include "tools/paper/studies/memory.h"
-#include "tools/paper/studies/recognition.h"
+#include "tools/paper/studies/measurements.h"
 
 namespace citylearn::paper {
 namespace {
@@ -18,8 +17,8 @@ const std::vector<int> kDimensions = {64, 128, 512, 2048, 4096};
 
 /// The paper's agent on another representation, with fewer seeds where there are more features, as its training takes
 /// longer.
-Context::Agent wide_agent(const Context& context, const std::string& representation) {
-  Context::Agent agent = context.paper_agent();
+Agent wide_agent(const Context& context, const std::string& representation) {
+  Agent agent = context.paper_agent();
   const int features = context.world.features(representation);
   agent.representation = representation;
   agent.seeds.resize(std::min<std::size_t>(agent.seeds.size(), features <= 512 ? 3 : 1));
@@ -28,9 +27,9 @@ Context::Agent wide_agent(const Context& context, const std::string& representat
 }
 
 /// Returns the paper's agent on more features than the others compare it on, as many as the data allow.
-std::vector<Context::Agent> wide_agents(const Context& context) {
+std::vector<Agent> wide_agents(const Context& context) {
   const std::string narrow = context.paper_agent().representation, encoder = encoder_of(narrow) + "-";
-  std::vector<Context::Agent> agents;
+  std::vector<Agent> agents;
   for (const std::string& representation : context.world.representations(kPaperDimensions))
     if (representation.starts_with(encoder) && context.world.features(representation) > context.world.features(narrow))
       agents.push_back(wide_agent(context, representation));
@@ -60,17 +59,17 @@ std::string sensors_of(const Traversal& traversal) {
   return text;
 }
 
+void without_deployments(Study& study) { study.deploy_every = 0; }
+
 }  // namespace
 
-Json plan_figure_2(const Context& context) {
-  Json agents = context.add_agents();
-  const Json wide =
-      context.compare(context.world, wide_agents(context), {}, [](Study& study) { study.deploy_every = 0; })["agents"];
-  agents.insert(agents.end(), wide.begin(), wide.end());
-  return {{"agents", agents}};
+Plan figure_2(const Context& context) {
+  Plan plan{context.world, {{context.agents}}};
+  for (const Agent& agent : wide_agents(context)) plan.points.push_back({{agent}, {}, without_deployments});
+  return plan;
 }
 
-Json plan_figure_6(const Context& context) {
+Plan figure_6(const Context& context) {
   World& world = context.world;
   std::vector<std::string> queries = world.names();
   if (queries.size() > 1) queries.erase(queries.begin());
@@ -82,21 +81,23 @@ Json plan_figure_6(const Context& context) {
   for (const std::string& representation : representations)
     for (const std::string& method : methods)
       for (const std::string& query : queries)
-        cases.push_back(add_case({representation, method, query}, context.work, world));
-  return {{"tolerance", kPlaceTolerance},
-          {"representations", representations},
-          {"methods", methods},
-          {"queries", queries},
-          {"cases", cases}};
+        cases.push_back(add_recognition(representation, method, query, context.work, world));
+  return {world,
+          {},
+          {{"tolerance", kPlaceTolerance},
+           {"representations", representations},
+           {"methods", methods},
+           {"queries", queries},
+           {"cases", cases}}};
 }
 
-Json plan_figure_7(const Context& context) { return {{"agents", context.add_agents()}}; }
+Plan figure_7(const Context& context) { return {context.world, {{context.agents}}}; }
 
-Json plan_figure_8_9(const Context& context) {
-  return context.compare(context.world, context.agents, {"blind", "shortest_path", "sequence_filter"}, [](Study&) {});
+Plan figure_8_9(const Context& context) {
+  return {context.world, {{context.agents, {"blind", "shortest_path", "sequence_filter"}}}};
 }
 
-Json plan_tables(const Context& context) {
+Plan tables(const Context& context) {
   Json traversals = Json::array(), encoders = Json::array();
   for (const std::string& name : context.world.names()) {
     const Traversal& traversal = context.world.recording(name);
@@ -109,13 +110,12 @@ Json plan_tables(const Context& context) {
   }
   for (const auto* entry : EncoderRegistry::instance().entries()) encoders.push_back(entry->name);
   // Measured with the features that agents are given.
-  const int memory =
-      context.work.add(memory_unit(context.agents.front().representation, env_service_program(), context.world));
-  return {{"traversals", traversals}, {"encoders", encoders}, {"memory", memory}};
+  const int memory = context.work.add(memory_unit(context.agents.front().representation, context.world));
+  return {context.world, {}, {{"traversals", traversals}, {"encoders", encoders}, {"memory", memory}}};
 }
 
-Json plan_dimensions(const Context& context) {
-  World& world = context.world.pictures() ? context.world : context.drawn;
+Plan dimensions(const Context& context) {
+  World& world = context.with_pictures();
   const std::string encoder = encoder_of(world.common_representation());
   const int learned_from = world.recording(world.train()).frames;
   // As many features as there can be are tried where this is less than wanted.
@@ -123,30 +123,26 @@ Json plan_dimensions(const Context& context) {
   std::vector<int> tried, missing;
   for (const int dimension : kDimensions) (dimension <= most ? tried : missing).push_back(dimension);
   if (!missing.empty() && (tried.empty() || tried.back() < most)) tried.push_back(most);
-  Json rows = Json::array();
+  Plan plan{world,
+            {},
+            {{"encoder", encoder},
+             {"encoder_dimension", world.encoder_dimension(encoder)},
+             {"learned_from", learned_from},
+             {"missing", missing}},
+            &world != &context.world};
   for (const int features : tried) {
     const std::string representation = encoder + "-" + std::to_string(features);
     // What the other sections need too is the same piece of work.
     const bool elsewhere = &world == &context.world && representation == context.paper_agent().representation;
-    std::vector<Context::Agent> agents = {
-        {"place_filter", representation, context.seeds, 2 + 0.003 * features, "relabel"}};
+    std::vector<Agent> agents = {{"place_filter", representation, context.seeds, 2 + 0.003 * features, "relabel"}};
     // Quick reports train the paper's agent on the fewest and the most alone.
     if (!context.quick || features == tried.front() || features == tried.back())
       agents.push_back(elsewhere ? context.paper_agent() : wide_agent(context, representation));
-    Json row = context.compare(world, agents, {"sequence_filter", "blind"}, [&](Study& study) {
-      if (!elsewhere || study.agent != "features") study.deploy_every = 0;
-    });
-    row["features"] = features;
-    rows.push_back(row);
+    plan.points.push_back({agents, {"sequence_filter", "blind"}, [elsewhere](Study& study) {
+                             if (!elsewhere || study.policy != "features") study.deploy_every = 0;
+                           }});
   }
-  return {{"recordings", world.description()},
-          {"substitute", &world != &context.world},
-          {"encoder", encoder},
-          {"encoder_dimension", world.encoder_dimension(encoder)},
-          {"learned_from", learned_from},
-          {"missing", missing},
-          {"frames", std::min(context.frames, world.frames())},
-          {"sizes", rows}};
+  return plan;
 }
 
 }  // namespace citylearn::paper

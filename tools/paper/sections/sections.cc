@@ -1,24 +1,139 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/paper/sections/sections.h"
 
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
 namespace citylearn::paper {
+namespace {
+
+/// Half of the recommendation: the curve is flat after a quarter of it.
+constexpr double kBaselineSteps = 100000;
+
+int share_of(int tasks, double effort) { return std::max(10, static_cast<int>(std::lround(tasks * effort))); }
+
+/// Returns the name of an agent in figures and tables.
+std::string label_of(const std::string& policy) {
+  static const std::map<std::string, std::string> labels = {{"baseline", "baseline (sees its position)"},
+                                                            {"features", "features (the paper's)"},
+                                                            {"raw_images", "raw images"},
+                                                            {"place_filter", "place_filter (ours)"}};
+  const auto found = labels.find(policy);
+  return found == labels.end() ? policy : found->second;
+}
+
+Json described(const Study& study, const std::string& label, const std::string& variant, World& world) {
+  return {{"policy", study.policy},
+          {"label", label},
+          {"variant", variant},
+          {"learns", study.kind != Study::Kind::kControl},
+          {"learner", study.learner},
+          {"representation", study.representation},
+          {"features", world.features(study.representation)},
+          {"frames", study.frames},
+          {"steps", study.steps},
+          {"seeds", Json::array()},
+          {"experiences", study.experiences},
+          {"imperfections", as_json(study.imperfections)},
+          {"parameters", study.parameters},
+          {"junctions", study.junctions},
+          {"units", Json::array()}};
+}
+
+}  // namespace
 
 const std::vector<Section>& sections() {
   static const std::vector<Section> all = {
-      {"figure-2", "Fig. 2: what training costs", plan_figure_2},
-      {"figure-6", "Fig. 6: place recognition", plan_figure_6},
-      {"figure-7", "Fig. 7: training curves", plan_figure_7},
-      {"figure-8-9", "Fig. 8 and 9: deployment and generalisation", plan_figure_8_9},
-      {"figure-10", "Fig. 10: one goal, by day and by night", plan_figure_10, complete_figure_10},
-      {"tables", "Tables I and II: the data and the environments", plan_tables},
-      {"longer-routes", "Beyond the paper: longer routes", plan_longer_routes},
-      {"transfer", "Beyond the paper: a policy on a second route", plan_transfer},
-      {"viewpoint", "Beyond the paper: a camera to the side", plan_viewpoint},
-      {"experiences", "Beyond the paper: two experiences of a route", plan_experiences},
-      {"imperfect-world", "Beyond the paper: an imperfect world", plan_imperfect_world},
-      {"dimensions", "The paper's main finding: smaller features generalise better", plan_dimensions},
-      {"map", "Beyond the paper: a map with junctions", plan_map}};
+      {"figure-2", "Fig. 2: what training costs", figure_2},
+      {"figure-6", "Fig. 6: place recognition", figure_6},
+      {"figure-7", "Fig. 7: training curves", figure_7},
+      {"figure-8-9", "Fig. 8 and 9: deployment and generalisation", figure_8_9},
+      {"figure-10", "Fig. 10: one goal, by day and by night", figure_10, complete_figure_10},
+      {"tables", "Tables I and II: the data and the environments", tables},
+      {"longer-routes", "Beyond the paper: longer routes", longer_routes},
+      {"transfer", "Beyond the paper: a policy on a second route", transfer},
+      {"viewpoint", "Beyond the paper: a camera to the side", viewpoint},
+      {"experiences", "Beyond the paper: two experiences of a route", experiences},
+      {"imperfect-world", "Beyond the paper: an imperfect world", imperfect_world},
+      {"dimensions", "The paper's main finding: smaller features generalise better", dimensions},
+      {"map", "Beyond the paper: a map with junctions", crossings}};
   return all;
+}
+
+const Agent& Context::paper_agent() const {
+  return *std::find_if(agents.begin(), agents.end(), [](const Agent& agent) { return agent.policy == "features"; });
+}
+
+int Context::tasks() const { return share_of(quick ? 500 : 2000, effort); }
+
+std::uint64_t Context::share_of_steps(const Study& study, double share) const {
+  const double all = Trainer::recommended_parameters(study.policy, study.learner).at("trainer").at("steps");
+  return static_cast<std::uint64_t>(std::max(1.0, all * share * effort));
+}
+
+std::vector<std::uint64_t> Context::few_seeds() const {
+  return {seeds.begin(), seeds.begin() + std::min<std::ptrdiff_t>(std::ssize(seeds), quick ? 1 : 3)};
+}
+
+Study Context::study(const Agent& agent, std::uint64_t seed, World& where) const {
+  Study study;
+  study.policy = agent.policy;
+  study.learner = agent.learner;
+  study.representation = agent.representation;
+  study.frames = std::min(frames, where.frames());
+  study.seed = seed;
+  if (agent.policy == "baseline")
+    study.steps = static_cast<std::uint64_t>(std::max(1.0, kBaselineSteps * effort));
+  else if (effort < 1)
+    study.steps = share_of_steps(study, 1);
+  study.seconds = agent.seconds * effort;
+  study.deploy_every = 100;
+  study.tasks = tasks();
+  study.tasks_between = share_of(quick ? 50 : 100, effort);
+  study.traversals = where.names();
+  return study;
+}
+
+std::vector<std::string> few_traversals(const World& world) {
+  std::vector<std::string> names = world.names();
+  names.resize(std::min<std::size_t>(3, names.size()));
+  return names;
+}
+
+Json planned(const Section& section, const Context& context) {
+  const Plan plan = section.plan(context);
+  Json points = Json::array();
+  for (const Point& point : plan.points) {
+    Json policies = Json::array();
+    Study study;
+    for (const Agent& agent : point.agents) {
+      const std::vector<Variant> variants = point.variants(agent);
+      std::vector<Json> rows(variants.size());
+      for (const std::uint64_t seed : agent.seeds)
+        for (std::size_t i = 0; i < variants.size(); ++i) {
+          point.task(study = context.study(agent, seed, plan.world));
+          variants[i].change(study);
+          if (rows[i].is_null()) rows[i] = described(study, label_of(agent.policy), variants[i].label, plan.world);
+          rows[i]["seeds"].push_back(seed);
+          rows[i]["units"].push_back(context.work.add(unit_of(study, plan.world)));
+        }
+      for (std::size_t i = 0; i < variants.size(); ++i)
+        if (variants[i].shown) policies.push_back(rows[i]);
+    }
+    study.kind = Study::Kind::kControl;
+    const auto told = std::move(study.parameters);
+    for (const std::string& name : point.controls) {
+      study.policy = name.substr(0, name.find(','));
+      study.parameters = study.policy == name ? std::map<std::string, double>() : told;
+      policies.push_back(described(study, name, "", plan.world));
+      policies.back()["units"].push_back(context.work.add(unit_of(study, plan.world)));
+    }
+    points.push_back(policies);
+  }
+  Json data = plan.more;
+  data.update({{"recordings", plan.world.description()}, {"substitute", plan.substitute}, {"points", points}});
+  return data;
 }
 
 }  // namespace citylearn::paper

@@ -1,47 +1,113 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
-#include "tools/paper/context.h"
+#include "tools/paper/studies/study.h"
 
 namespace citylearn::paper {
+
+/// An agent that is trained once for each seed.
+struct Agent {
+  std::string policy, representation;
+  std::vector<std::uint64_t> seeds;
+  double seconds = 0;  ///< estimate for one training with all its steps
+  std::string learner = "ppo";
+};
+
+/// The state that all sections share.
+struct Context {
+  World& world;
+  World& drawn;  ///< a drawn city that has the pictures and positions `world` may lack; `world` itself when it is drawn
+  Work& work;
+  std::string output;  ///< the report's folder
+  bool quick = false;
+  double effort = 1;  ///< share of training steps and tasks, 0..1; below 1 the figures mean nothing
+  std::vector<std::uint64_t> seeds;
+  int frames = 128;           ///< N of the paper's route
+  bool pictures = true;       ///< the report may show real recordings' pictures
+  std::vector<Agent> agents;  ///< those compared, each on the representation it is meant for
+
+  /// The one among them that is the paper's: `features`.
+  const Agent& paper_agent() const;
+  World& with_pictures() const { return world.pictures() ? world : drawn; }
+  /// Number of tasks of a trial whose figures go into a table.
+  int tasks() const;
+  /// `share` of the training steps that are recommended for a study's agent and learner, under `effort`.
+  std::uint64_t share_of_steps(const Study& study, double share) const;
+  /// Returns the seeds of an agent whose training takes long.
+  std::vector<std::uint64_t> few_seeds() const;
+  /// A training on as many of the first places of `where` as the paper's route has.
+  Study study(const Agent& agent, std::uint64_t seed, World& where) const;
+};
+
+/// What is done with a training beyond what its point does.
+struct Variant {
+  std::string label;
+  std::function<void(Study&)> change;
+  bool shown = true;  ///< else others need it alone
+};
+
+/// Policies that are compared on the same task.
+struct Point {
+  std::vector<Agent> agents;
+  std::vector<std::string> controls = {};            ///< on the last agent's task; "NAME, told" has its parameters too
+  std::function<void(Study&)> task = [](Study&) {};  ///< sets the route, the recordings, the world's imperfections
+  /// Each training is done in all of them.
+  std::function<std::vector<Variant>(const Agent&)> variants = [](const Agent&) {
+    return std::vector<Variant>{{"", [](Study&) {}}};
+  };
+};
+
+/// The studies of a section.
+struct Plan {
+  World& world;
+  std::vector<Point> points = {};
+  Json more = Json::object();  ///< what else its page has to know
+  bool substitute = false;     ///< drawn recordings take the place of the given ones, which lack what it needs
+};
 
 /// A part of the report. report/report.py names the function that makes its figures, tables and text.
 struct Section {
   std::string name;   ///< for --only: "figure-7"
   std::string title;  ///< "Fig. 7: training curves"
-  /// Adds the units of work that it needs and returns what that function has to know about them. A unit is referred to
-  /// by its number, which is its place in results.json.
-  Json (*plan)(const Context& context);
-  /// Adds to that what is known only after the work. Throws Error.
+  Plan (*plan)(const Context& context);
+  /// Adds to planned() what is known only after the work. Throws Error.
   void (*complete)(const Context& context, Json& data) = nullptr;
 };
 
 /// Returns all sections, in the order of the report.
 const std::vector<Section>& sections();
 
-/// Traversals of the sections that try policies in many ways: the one learned from and two others.
-inline constexpr std::size_t kFewTraversals = 3;
+/// Adds the units of work of a section and returns what its page has to know: Plan::more, "recordings", "substitute"
+/// and "points", for each [{"policy", "label", "variant", "learns", "learner", "representation", "features", "frames",
+/// "steps", "seeds", "experiences", "imperfections", "parameters", "junctions", "units"}], agents before controls. A
+/// unit is its place in results.json.
+Json planned(const Section& section, const Context& context);
 
-Json plan_figure_2(const Context& context);
-Json plan_figure_6(const Context& context);
-Json plan_figure_7(const Context& context);
-Json plan_figure_8_9(const Context& context);
-Json plan_figure_10(const Context& context);
+/// Traversals of the sections that try policies in many ways: the one learned from and two others.
+std::vector<std::string> few_traversals(const World& world);
+
+Plan figure_2(const Context& context);
+Plan figure_6(const Context& context);
+Plan figure_7(const Context& context);
+Plan figure_8_9(const Context& context);
+Plan figure_10(const Context& context);
 void complete_figure_10(const Context& context, Json& data);
-Json plan_tables(const Context& context);
+Plan tables(const Context& context);
 /// The paper's main finding, tried: agents that learn from more and fewer features of the same encoder.
-Json plan_dimensions(const Context& context);
-Json plan_longer_routes(const Context& context);
-Json plan_transfer(const Context& context);
-Json plan_viewpoint(const Context& context);
+Plan dimensions(const Context& context);
+Plan longer_routes(const Context& context);
+Plan transfer(const Context& context);
+Plan viewpoint(const Context& context);
 /// Agents that learned from one traversal beside agents that learned from two, on those that neither knows.
-Json plan_experiences(const Context& context);
+Plan experiences(const Context& context);
 /// Actions slip, frames are dropped and agents are carried elsewhere, in training and in trials.
-Json plan_imperfect_world(const Context& context);
+Plan imperfect_world(const Context& context);
 /// On recordings that cross themselves, else on the drawn city, laid on a drawn map.
-Json plan_map(const Context& context);
+Plan crossings(const Context& context);
 
 }  // namespace citylearn::paper

@@ -5,93 +5,27 @@
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/fmt/ranges.h>
 
+#include <algorithm>
+#include <cstdlib>
 #include <cstring>
 
+#include "core/task/route_map.h"
 #include "core/task/spl.h"
+#include "env_service/geometry/crossings.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
+#include "tools/paper/studies/statistics.h"
 #include "tools/paper/studies/walk.h"
 
 namespace citylearn::paper {
 namespace {
 
+using Episode = Environment::Episode;
+using Episodes = std::vector<Episode>;
+
 Json as_json(const Score& score) {
   return {{"tasks", score.tasks},           {"completed", score.completed}, {"spl", score.spl},
           {"excess", number(score.excess)}, {"steps", score.mean_steps},    {"reward", score.reward}};
-}
-
-Json as_json(const Imperfections& imperfections) {
-  return {{"slip", imperfections.slip},
-          {"dropped_frames", imperfections.dropped_frames},
-          {"kidnappings", imperfections.kidnappings}};
-}
-
-/// Adds the imperfections, if any, to the name and the spec of what is done in such a world.
-void describe(const Imperfections& imperfections, Unit& unit) {
-  const Json all = as_json(imperfections);
-  if (all == as_json(Imperfections())) return;
-  unit.name += fmt::format(", slip {:g}, dropped frames {:g}, kidnappings {}", imperfections.slip,
-                           imperfections.dropped_frames, imperfections.kidnappings);
-  unit.spec["imperfections"] = all;
-}
-
-Trial trial_of(int first, int frames, int tasks, bool shuffle, const Imperfections& imperfections = {}) {
-  Trial trial;
-  trial.first_frame = first;
-  trial.frames = trial.max_steps = frames;
-  trial.tasks = tasks;
-  trial.shuffle = shuffle;
-  trial.imperfections = imperfections;
-  trial.interrupt = throw_if_stopped;  // trials on long routes take minutes
-  return trial;
-}
-
-std::unique_ptr<Policy> policy_of(const TrainedAgent& agent) {
-  return std::make_unique<NetworkPolicy>(agent, NetworkPolicy::Options());
-}
-
-/// Returns {"traversal", SCORE} of a fresh policy; with `walk` also the walk that is shown.
-Json tried(const std::unique_ptr<Policy>& policy, const Traversal& traversal, const Trial& trial, bool walk = false) {
-  const std::vector<Environment::Episode> episodes = try_out(*policy, traversal, trial);
-  Json row = as_json(score(episodes));
-  row["traversal"] = traversal.name;
-  if (walk) row["walk"] = walk_of(episodes, traversal.frames);
-  return row;
-}
-
-/// Returns the traversal learned from and these others.
-Experiences experiences_of(const std::vector<std::string>& others, const std::string& representation, World& world) {
-  Experiences all(world.traversal(representation, world.train()));
-  for (const std::string& name : others) all.push_back(&world.traversal(representation, name));
-  return all;
-}
-
-/// The part of the spec that units without a training share.
-Json spec_of(const char* kind, const Study& study, const std::vector<std::string>& recordings, World& world) {
-  return {{"kind", kind},
-          {"representation", study.representation},
-          {"train", world.train()},
-          {"recordings", world.hashes(recordings)},
-          {"frames", {study.first, study.first + study.frames}},
-          {"tasks", study.tasks}};
-}
-
-/// Adds the means over the episodes that ended in one update.
-void add_point(Json& curve, const TrainingProgress& progress, double seconds,
-               const std::vector<Environment::Episode>& finished) {
-  double reward = 0, spl = 0, length = 0;
-  for (const Environment::Episode& episode : finished) {
-    reward += static_cast<double>(episode.reward);
-    length += episode.steps;
-    spl += spl_of(episode.completed, episode.shortest, episode.steps);
-  }
-  const auto n = static_cast<double>(finished.size());  // none: NaN, which is null
-  curve["episodes"].push_back(progress.episodes);
-  curve["steps"].push_back(progress.steps);
-  curve["seconds"].push_back(seconds);
-  curve["reward"].push_back(number(reward / n));
-  curve["spl"].push_back(number(spl / n));
-  curve["length"].push_back(number(length / n));
 }
 
 /// Encodes numbers as text without loss: base64 of little-endian floats.
@@ -118,45 +52,191 @@ Vector<float> unpacked(const std::string& text, std::ptrdiff_t count, const std:
   return numbers;
 }
 
-/// Returns the agent with its saved parameters and the features of the route's places.
-TrainedAgent agent_on(const SavedAgent& saved, const Traversal& route, int first, int frames) {
-  TrainedAgent agent;
-  agent.name = saved.study["agent"].get<std::string>();
-  const std::string where = "the trained " + agent.name;
-  const Json& outcome = saved.work->outcome(saved.study);
-  if (outcome.is_null()) throw Error("its training failed", where);
-  agent.task = network_task(route, first, frames);
-  agent.first_frame = first;
-  const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
-  agent.network = entry.create(Parameters("network " + agent.name, entry.parameters, {}), agent.task);
-  agent.parameters = unpacked(outcome.at("parameters").get<std::string>(), agent.network->parameter_count(), where);
-  return agent;
+/// Returns the stretch as a traversal of its own, with its junctions on request.
+Traversal cut_out(const Traversal& whole, const Layout& layout, bool junctions) {
+  Traversal part = whole;
+  const auto dimension = static_cast<std::ptrdiff_t>(part.dimension);
+  const auto first = static_cast<std::ptrdiff_t>(layout.first), end = first + layout.frames;
+  if (end > whole.frames)
+    throw Error("has " + std::to_string(whole.frames) + " frames, the map ends at " + std::to_string(end),
+                "traversal '" + whole.name + "'");
+  part.frames = layout.frames;
+  part.features.assign(whole.features.begin() + first * dimension, whole.features.begin() + end * dimension);
+  part.positions.assign(whole.positions.begin() + first, whole.positions.begin() + end);
+  part.times.clear();
+  part.latitude = layout.latitude;
+  part.longitude = layout.longitude;
+  part.turns = junctions ? layout.turns : std::vector<int>();
+  return part;
 }
 
-Json train(const Study& study, World& world) {
-  const Traversal& route = world.traversal(study.representation, world.train());
+/// A study that is computed.
+class Run {
+ public:
+  Run(const Study& study, World& world)
+      : study_(study), world_(world), first_(study.map ? 0 : study.first), train_(world.train()) {}
+
+  Json train();
+  Json unchanged();
+  Json control();
+
+ private:
+  /// A traversal with the route; on a map the route alone.
+  const Traversal& traversal(const std::string& name) {
+    const Traversal& whole = world_.traversal(study_.representation, name);
+    if (!study_.map) return whole;
+    Traversal& part = parts_[name];
+    if (part.frames == 0) part = cut_out(whole, *study_.map, study_.junctions);
+    return part;
+  }
+
+  /// The traversal learned from and other ones.
+  Experiences experiences() {
+    Experiences all(traversal(train_));
+    for (const std::string& name : study_.experiences) all.push_back(&traversal(name));
+    return all;
+  }
+
+  /// Length of the shortest path; on a map with its junctions, whether the policy has them or not.
+  int shortest(const Episode& episode) {
+    if (!study_.map) return episode.shortest;
+    std::vector<int>& distances = distances_[episode.goal];
+    if (distances.empty()) distances_to(episode.goal, study_.frames, study_.map->turns, distances);
+    return distances[static_cast<std::size_t>(episode.start)];
+  }
+  double spl(const Episode& episode) { return spl_of(episode.completed, shortest(episode), episode.steps); }
+
+  /// Episodes of a fresh policy.
+  Episodes play(const std::unique_ptr<Policy>& policy, const std::string& name, int tasks, bool shuffle = false) {
+    Trial trial;
+    trial.first_frame = first_;
+    trial.frames = trial.max_steps = study_.frames;
+    trial.tasks = tasks;
+    trial.shuffle = shuffle;
+    trial.imperfections = study_.imperfections;
+    trial.interrupt = throw_if_stopped;  // trials on long routes take minutes
+    return try_out(*policy, traversal(name), trial);
+  }
+
+  /// Tries a fresh policy on each traversal: [{"traversal", SCORE}], on a map {"trials", "walk"}.
+  template <class Make>
+  Json tried(const Make& make) {
+    Json rows = Json::array(), walk;
+    for (const std::string& name : study_.traversals) {
+      const Episodes episodes = play(make(name), name, study_.tasks);
+      Json row = study_.map ? on_map(episodes) : as_json(score(episodes));
+      row["traversal"] = name;
+      rows.push_back(std::move(row));
+      if (study_.map && name == study_.traversals.front()) walk = walk_on_map(episodes);
+    }
+    return study_.map ? Json{{"trials", rows}, {"walk", walk}} : rows;
+  }
+
+  Json on_map(const Episodes& episodes) {
+    std::vector<double> spl, steps, shortest;
+    double completed = 0;
+    for (const Episode& episode : episodes) {
+      completed += episode.completed;
+      spl.push_back(this->spl(episode));
+      steps.push_back(episode.steps);
+      shortest.push_back(episode.shortest);
+    }
+    return {{"completed", share_estimate(completed, static_cast<int>(episodes.size()))},
+            {"spl", mean_estimate(spl)},
+            {"steps", mean_estimate(steps)},
+            {"shortest", mean_estimate(shortest)}};
+  }
+
+  Json walk_on_map(const Episodes& episodes) {
+    const auto saved = [&](const Episode& one) { return std::abs(one.goal - one.start) - shortest(one); };
+    const Episode& most = *std::max_element(episodes.begin(), episodes.end(), [&](const auto& one, const auto& other) {
+      return saved(one) < saved(other);
+    });
+    return {{"start", most.start},
+            {"goal", most.goal},
+            {"places", places_walked(most.start, most.steps, most.path, traversal(train_).turns, study_.frames)}};
+  }
+
+  /// Adds the means over the episodes that ended in one update.
+  void add_point(Json& curve, const TrainingProgress& progress, double seconds, const Episodes& finished) {
+    double reward = 0, spl = 0, length = 0;
+    for (const Episode& episode : finished) {
+      reward += static_cast<double>(episode.reward);
+      length += episode.steps;
+      spl += this->spl(episode);
+    }
+    const auto n = static_cast<double>(finished.size());  // none: NaN, which is null
+    curve["episodes"].push_back(progress.episodes);
+    curve["spl"].push_back(number(spl / n));
+    if (study_.map) return;
+    curve["steps"].push_back(progress.steps);
+    curve["seconds"].push_back(seconds);
+    curve["reward"].push_back(number(reward / n));
+    curve["length"].push_back(number(length / n));
+  }
+
+  /// Returns the saved agent with its parameters and the features of the route's places.
+  TrainedAgent initial_agent() {
+    const SavedAgent& saved = *study_.initial;
+    TrainedAgent agent;
+    agent.name = saved.study["agent"].get<std::string>();
+    const std::string where = "the trained " + agent.name;
+    const Json& outcome = saved.work->outcome(saved.study);
+    if (outcome.is_null()) throw Error("its training failed", where);
+    agent.task = network_task(traversal(train_), first_, study_.frames);
+    agent.first_frame = first_;
+    const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
+    agent.network = entry.create(Parameters("network " + agent.name, entry.parameters, {}), agent.task);
+    agent.parameters = unpacked(outcome.at("parameters").get<std::string>(), agent.network->parameter_count(), where);
+    return agent;
+  }
+
+  static std::unique_ptr<Policy> policy_of(const TrainedAgent& agent) {
+    return std::make_unique<NetworkPolicy>(agent, NetworkPolicy::Options());
+  }
+
+  TrainerOptions trainer_options();
+  int environments();
+
+  const Study& study_;
+  World& world_;
+  const int first_;  ///< of the route, in traversal()
+  const std::string& train_;
+  std::map<std::string, Traversal> parts_;     ///< of a map
+  std::map<int, std::vector<int>> distances_;  ///< by goal
+};
+
+TrainerOptions Run::trainer_options() {
   TrainerOptions options;
-  options.agent = study.agent;
-  options.learner = study.learner;
-  options.seed = study.seed;
-  options.first_frame = study.first;
-  if (study.steps > 0) options.trainer_parameters["steps"] = static_cast<double>(study.steps);
-  if (study.initial) options.initial = agent_on(*study.initial, route, study.first, study.frames);
-  options.frozen = study.frozen;
-  options.network_parameters = study.network_parameters;
-  // So many environments that the features of each one's agents fit into an observation.
-  const auto parameters = Trainer::recommended_parameters(study.agent, study.learner);
+  options.agent = study_.policy;
+  options.learner = study_.learner;
+  options.seed = study_.seed;
+  options.first_frame = first_;
+  if (study_.steps > 0) options.trainer_parameters["steps"] = static_cast<double>(study_.steps);
+  if (study_.initial) options.initial = initial_agent();
+  options.frozen = study_.frozen;
+  options.network_parameters = study_.parameters;
+  return options;
+}
+
+/// Returns so many environments that the features of each one's agents fit into an observation.
+int Run::environments() {
+  const auto parameters = Trainer::recommended_parameters(study_.policy, study_.learner);
   const int agents = static_cast<int>(parameters.at("trainer").at("agents"));
-  const int room = std::max(1, static_cast<int>(msg::MAX_FEATURES) / std::max(1, route.dimension));
+  const int room = std::max(1, static_cast<int>(msg::MAX_FEATURES) / std::max(1, traversal(train_).dimension));
   int environments = 1;
   while (agents / environments > room || agents % environments != 0) ++environments;
-  const Experiences experiences = experiences_of(study.experiences, study.representation, world);
-  InprocessTraining training(options, experiences, study.frames, {environments, study.imperfections});
-  Trainer& trainer = training.trainer();
+  return environments;
+}
 
-  Json curve = {{"episodes", Json::array()}, {"steps", Json::array()}, {"seconds", Json::array()},
-                {"reward", Json::array()},   {"spl", Json::array()},   {"length", Json::array()}};
-  Json deployments = Json::array(), trials = Json::array(), spl95 = nullptr;
+Json Run::train() {
+  const Experiences known = experiences();
+  InprocessTraining training(trainer_options(), known, study_.frames, {environments(), study_.imperfections});
+  Trainer& trainer = training.trainer();
+  Json curve = {{"episodes", Json::array()}, {"spl", Json::array()}};
+  if (!study_.map)
+    for (const char* name : {"steps", "seconds", "reward", "length"}) curve[name] = Json::array();
+  Json deployments = Json::array(), spl95 = nullptr;
   double judging = 0;
   std::uint64_t deploy_at = 0;
   const Clock::time_point start = Clock::now();
@@ -169,132 +249,133 @@ Json train(const Study& study, World& world) {
       spl95 = {{"episodes", *progress.episodes_to_spl95},
                {"steps", *progress.steps_to_spl95},
                {"seconds", seconds_since(start) - judging}};
-    if (study.deploy_every > 0 && progress.episodes >= deploy_at) {
+    if (study_.deploy_every > 0 && progress.episodes >= deploy_at) {
       const Clock::time_point pause = Clock::now();
-      while (deploy_at <= progress.episodes) deploy_at += static_cast<std::uint64_t>(study.deploy_every);
-      for (const std::string& name : study.traversals) {
-        Json row = tried(policy_of(trainer.agent()), world.traversal(study.representation, name),
-                         trial_of(study.first, study.frames, study.tasks_between, false, study.imperfections));
-        row["episodes"] = progress.episodes;
+      while (deploy_at <= progress.episodes) deploy_at += static_cast<std::uint64_t>(study_.deploy_every);
+      for (const std::string& name : study_.traversals) {
+        Json row = as_json(score(play(policy_of(trainer.agent()), name, study_.tasks_between)));
+        row.update({{"episodes", progress.episodes}, {"traversal", name}});
         deployments.push_back(std::move(row));
       }
       judging += seconds_since(pause);
     }
   }
   const double seconds = seconds_since(start) - judging;
-  for (const std::string& name : study.traversals)
-    for (const bool shuffled : {false, true}) {
-      Json row =
-          tried(policy_of(trainer.agent()), world.traversal(study.representation, name),
-                trial_of(study.first, study.frames, study.tasks, shuffled, study.imperfections), /*walk=*/!shuffled);
-      row["shuffled"] = shuffled;
-      trials.push_back(std::move(row));
-    }
-  Json outcome = {{"curve", curve},
-                  {"deployments", deployments},
-                  {"trials", trials},
-                  {"episodes", trainer.progress().episodes},
-                  {"steps", trainer.progress().steps},
-                  {"seconds", seconds},
-                  {"spl95", spl95}};
-  if (study.save_parameters) outcome["parameters"] = packed(trainer.network_parameters());
+  Json outcome;
+  if (study_.map) {
+    outcome = tried([&](const std::string&) { return policy_of(trainer.agent()); });
+  } else {
+    Json trials = Json::array();
+    for (const std::string& name : study_.traversals)
+      for (const bool shuffled : {false, true}) {
+        const Episodes episodes = play(policy_of(trainer.agent()), name, study_.tasks, shuffled);
+        Json row = as_json(score(episodes));
+        row.update({{"shuffled", shuffled}, {"traversal", name}});
+        if (!shuffled) row["walk"] = walk_of(episodes, traversal(name).frames);
+        trials.push_back(std::move(row));
+      }
+    outcome = {{"deployments", deployments}, {"trials", trials}, {"seconds", seconds}, {"spl95", spl95}};
+  }
+  outcome.update({{"curve", curve}, {"episodes", trainer.progress().episodes}, {"steps", trainer.progress().steps}});
+  if (study_.save_parameters) outcome["parameters"] = packed(trainer.network_parameters());
   return outcome;
+}
+
+Json Run::unchanged() {
+  const TrainedAgent agent = initial_agent();
+  return tried([&](const std::string&) { return policy_of(agent); });
+}
+
+Json Run::control() {
+  const auto& entry = ControlRegistry::instance().find("control", study_.policy);
+  return tried([&](const std::string& name) {
+    const Experiences known = study_.policy == "oracle_filter" ? Experiences(traversal(name)) : experiences();
+    const NetworkTask route = network_task(known, first_, study_.frames);
+    return entry.create(Parameters("control " + study_.policy, entry.parameters, study_.parameters),
+                        {first_, study_.frames, route.reference, route.turns});
+  });
+}
+
+/// Returns what a progress line calls the study.
+std::string name_of(const Study& study) {
+  using fmt::format;
+  const Imperfections& world = study.imperfections;
+  if (study.kind == Study::Kind::kUnchanged)
+    return format("{} as it is on {}, places {} to {}, seed {}", study.policy, study.representation, study.first,
+                  study.first + study.frames - 1, study.seed);
+  const bool trains = study.kind == Study::Kind::kTraining;
+  std::string name = trains ? "training " + study.policy : study.policy;
+  name += study.map ? format(" on a map of {} places, {} junctions", study.frames, study.junctions ? "with" : "without")
+                    : format(" on {}, {} places", study.representation, study.frames);
+  if (trains) {
+    name += format(", seed {}", study.seed);
+    if (study.first > 0 && !study.map) name += format(", from place {} on", study.first);
+    if (!study.experiences.empty()) name += format(", on {} too", fmt::join(study.experiences, ", "));
+    if (study.initial) name += ", carried over";
+    if (!study.frozen.empty()) name += format(", {} frozen", fmt::join(study.frozen, ", "));
+  }
+  if (world != Imperfections())
+    name +=
+        format(", slip {:g}, dropped frames {:g}, kidnappings {}", world.slip, world.dropped_frames, world.kidnappings);
+  return trains || study.parameters.empty() ? name : name + ", told";
 }
 
 }  // namespace
 
+Json as_json(const Imperfections& world) {
+  return {{"slip", world.slip}, {"dropped_frames", world.dropped_frames}, {"kidnappings", world.kidnappings}};
+}
+
 Unit unit_of(const Study& study, World& world) {
-  Unit unit;
-  unit.name =
-      fmt::format("training {} on {}, {} places, seed {}", study.agent, study.representation, study.frames, study.seed);
-  if (study.first > 0) unit.name += fmt::format(", from place {} on", study.first);
-  if (!study.experiences.empty()) unit.name += fmt::format(", on {} too", fmt::join(study.experiences, ", "));
-  unit.spec = {{"kind", "training"},
-               {"agent", study.agent},
-               {"learner", study.learner},
-               {"parameters", Trainer::recommended_parameters(study.agent, study.learner)},
+  const bool trains = study.kind == Study::Kind::kTraining, unchanged = study.kind == Study::Kind::kUnchanged;
+  std::vector<std::string> recordings = study.traversals;
+  if (unchanged) recordings.push_back(world.train());  // where its knowledge of the places comes from
+  Json spec = {{"kind", study.map   ? "map"
+                        : trains    ? "training"
+                        : unchanged ? "carried"
+                                    : "control"},
                {"representation", study.representation},
                {"train", world.train()},
-               {"recordings", world.hashes(study.traversals)},
+               {"recordings", world.hashes(recordings)},
                {"frames", {study.first, study.first + study.frames}},
-               {"seed", study.seed},
-               {"steps", study.steps},
-               {"tasks", {study.tasks, study.tasks_between}},
-               {"deploy_every", study.deploy_every}};
-  if (!study.experiences.empty()) unit.spec["experiences"] = world.hashes(study.experiences);
-  if (study.save_parameters) unit.spec["keep"] = true;
-  if (study.initial) {
-    unit.name += ", carried over";
-    unit.spec["initial"] = study.initial->study;
+               {"tasks", study.tasks}};
+  if (trains)
+    spec.update({{"parameters", Trainer::recommended_parameters(study.policy, study.learner)},
+                 {"seed", study.seed},
+                 {"steps", study.steps}});
+  if (study.map) {
+    spec.update(
+        {{"policy", study.policy}, {"junctions", study.junctions}, {"crossings", junctions_of(study.map->turns)}});
+  } else if (trains) {
+    spec.update({{"agent", study.policy},
+                 {"learner", study.learner},
+                 {"tasks", {study.tasks, study.tasks_between}},
+                 {"deploy_every", study.deploy_every}});
+    if (study.save_parameters) spec["keep"] = true;
+    if (study.initial) spec["initial"] = study.initial->study;
+    if (!study.frozen.empty()) spec["frozen"] = study.frozen;
+  } else if (unchanged) {
+    spec["agent"] = study.initial->study;
+  } else {
+    spec["control"] = study.policy;
   }
-  if (!study.frozen.empty()) {
-    unit.name += fmt::format(", {} frozen", fmt::join(study.frozen, ", "));
-    unit.spec["frozen"] = study.frozen;
-  }
-  describe(study.imperfections, unit);
-  if (!study.network_parameters.empty()) unit.spec["network"] = study.network_parameters;
-  unit.seconds = study.seconds;
-  unit.compute = [study, &world] { return train(study, world); };
-  return unit;
+  if (!study.experiences.empty()) spec["experiences"] = world.hashes(study.experiences);
+  if (study.imperfections != Imperfections()) spec["imperfections"] = as_json(study.imperfections);
+  if (!study.parameters.empty()) spec[trains ? "network" : "parameters"] = study.parameters;
+  double seconds = trains ? study.seconds : 1;
+  if (!trains &&
+      study.policy.ends_with("_filter"))  // looks at all places at each step; longer routes take more of both
+    seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
+  return {name_of(study), spec, seconds, [study, &world] {
+            Run run(study, world);
+            return study.kind == Study::Kind::kTraining    ? run.train()
+                   : study.kind == Study::Kind::kUnchanged ? run.unchanged()
+                                                           : run.control();
+          }};
 }
 
 SavedAgent saved_agent(const Study& study, World& world, const Work& work) {
   return {unit_of(study, world).spec, &work};
-}
-
-Unit transfer_unit(const SavedAgent& saved, const Study& task, World& world) {
-  Unit unit;
-  unit.name = fmt::format("{} as it is on {}, places {} to {}, seed {}", saved.study["agent"].get<std::string>(),
-                          task.representation, task.first, task.first + task.frames - 1,
-                          saved.study["seed"].get<std::uint64_t>());
-  std::vector<std::string> recordings = task.traversals;
-  recordings.push_back(world.train());  // where its knowledge of the places comes from
-  unit.spec = spec_of("carried", task, recordings, world);
-  unit.spec["agent"] = saved.study;
-  unit.seconds = 1;
-  unit.compute = [saved, task, &world] {
-    const TrainedAgent agent =
-        agent_on(saved, world.traversal(task.representation, world.train()), task.first, task.frames);
-    Json rows = Json::array();
-    for (const std::string& name : task.traversals)
-      rows.push_back(tried(policy_of(agent), world.traversal(task.representation, name),
-                           trial_of(task.first, task.frames, task.tasks, false)));
-    return rows;
-  };
-  return unit;
-}
-
-Unit control_unit(const Study& study, World& world) {
-  Unit unit;
-  unit.name = fmt::format("{} on {}, {} places", study.agent, study.representation, study.frames);
-  unit.spec = spec_of("control", study, study.traversals, world);
-  unit.spec["control"] = study.agent;
-  describe(study.imperfections, unit);
-  if (!study.network_parameters.empty()) {
-    unit.name += ", told";
-    unit.spec["parameters"] = study.network_parameters;
-  }
-  if (!study.experiences.empty()) unit.spec["experiences"] = world.hashes(study.experiences);
-  unit.seconds = 1;
-  if (study.agent.ends_with("_filter"))  // looks at all places at each step, and longer routes take more of both
-    unit.seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
-  unit.compute = [study, &world] {
-    Json rows = Json::array();
-    const auto& entry = ControlRegistry::instance().find("control", study.agent);
-    for (const std::string& name : study.traversals) {
-      const Experiences known = study.agent == "oracle_filter"
-                                    ? Experiences(world.traversal(study.representation, name))
-                                    : experiences_of(study.experiences, study.representation, world);
-      const NetworkTask route = network_task(known, study.first, study.frames);
-      const ControlTask task{study.first, study.frames, route.reference};
-      rows.push_back(
-          tried(entry.create(Parameters("control " + study.agent, entry.parameters, study.network_parameters), task),
-                world.traversal(study.representation, name),
-                trial_of(study.first, study.frames, study.tasks, false, study.imperfections)));
-    }
-    return rows;
-  };
-  return unit;
 }
 
 }  // namespace citylearn::paper

@@ -57,23 +57,25 @@ TEST_F(DimensionsSection, SaysWhichNumbersOfFeaturesCannotBeHad) {
   World features(city(false)), pictures(city(true));
   Context given = context(features, pictures);
   given.agents = {{"features", "features", {1}, 1}};
-  const Json data = section_.plan(given);
+  const Json data = planned(section_, given);
   EXPECT_TRUE(data["substitute"]);
   EXPECT_EQ(data["encoder"], "hog");
   EXPECT_EQ(data["learned_from"], 130);
   EXPECT_EQ(data["missing"], Json({512, 2048, 4096})) << "130 frames have 129 components";
-  ASSERT_EQ(data["sizes"].size(), 3u);
-  EXPECT_EQ(data["sizes"][0]["features"], 64);
-  EXPECT_EQ(data["sizes"][1]["features"], 128);
-  EXPECT_EQ(data["sizes"][2]["features"], 129) << "the most that can be had is tried instead";
+  ASSERT_EQ(data["points"].size(), 3u);
+  EXPECT_EQ(data["points"][0][0]["features"], 64);
+  EXPECT_EQ(data["points"][1][0]["features"], 128);
+  EXPECT_EQ(data["points"][2][0]["features"], 129) << "the most that can be had is tried instead";
   // place_filter with two seeds and two controls each, and the paper's agent on the fewest and the most.
   EXPECT_EQ(work_.units(), 3 * (2 + 2) + 2);
   ASSERT_TRUE(work_.run());
-  for (const Json& size : data["sizes"])
-    for (const Json& agent : size["agents"])
-      for (const Json& unit : agent["units"]) {
-        const Json& trials = work_.outcome(unit.get<int>())["trials"];
-        EXPECT_EQ(trials.size(), 2 * pictures.names().size()) << "each condition, as it is and shuffled";
+  for (const Json& size : data["points"])
+    for (const Json& policy : size)
+      for (const Json& unit : policy["units"]) {
+        const Json& outcome = work_.outcome(unit.get<int>());
+        EXPECT_EQ((policy["learns"] ? outcome["trials"] : outcome).size(),
+                  (policy["learns"] ? 2 : 1) * pictures.names().size())
+            << "each condition, as it is and, of agents, shuffled";
       }
 }
 
@@ -83,8 +85,8 @@ class ImperfectWorldSection : public SectionTest {
 
   /// Trials of a world's policy that learns nothing.
   Json trials(const Json& world, const std::string& label) const {
-    for (const Json& control : world["controls"])
-      if (control["label"] == label) return work_.outcome(control["unit"].get<int>());
+    for (const Json& policy : world)
+      if (policy["label"] == label) return work_.outcome(policy["units"][0].get<int>());
     ADD_FAILURE() << "no " << label;
     return nullptr;
   }
@@ -100,18 +102,18 @@ TEST_F(ImperfectWorldSection, AgentsAndControlsMeetTheSameMishaps) {
   World world(options);
   Context given = context(world, world);
   given.effort = 0.05;
-  const Json data = section_.plan(given);
-  ASSERT_EQ(data["worlds"].size(), 5u);
+  const Json data = planned(section_, given);
+  ASSERT_EQ(data["points"].size(), 5u);
   // Two seeds and three controls each, and a filter that is told where there is something to tell.
   EXPECT_EQ(work_.units(), 5 * (2 + 3) + 3);
   ASSERT_TRUE(work_.run());
-  const Json &perfect = data["worlds"][0], &slipping = data["worlds"][1], &dropping = data["worlds"][2],
-             &kidnapping = data["worlds"][3], &all = data["worlds"][4];
-  EXPECT_EQ(perfect["told"], Json::object());
-  EXPECT_EQ(slipping["told"], Json({{"slip", 0.1}}));
-  EXPECT_EQ(dropping["told"], Json::object());
-  EXPECT_EQ(kidnapping["told"], Json({{"kidnap", 3.0 / 128}}));
-  EXPECT_EQ(all["told"].size(), 2u);
+  const Json &perfect = data["points"][0], &slipping = data["points"][1], &dropping = data["points"][2],
+             &kidnapping = data["points"][3], &all = data["points"][4];
+  EXPECT_EQ(perfect[0]["parameters"], Json::object());
+  EXPECT_EQ(slipping[0]["parameters"], Json({{"slip", 0.1}}));
+  EXPECT_EQ(dropping[0]["parameters"], Json::object());
+  EXPECT_EQ(kidnapping[0]["parameters"], Json({{"kidnap", 3.0 / 128}}));
+  EXPECT_EQ(all[0]["parameters"].size(), 2u);
   EXPECT_EQ(spl(perfect, "shortest_path"), 1);
   for (const Json* world_of : {&slipping, &kidnapping, &all}) {
     EXPECT_LT(spl(*world_of, "shortest_path"), 1) << *world_of;
@@ -121,8 +123,8 @@ TEST_F(ImperfectWorldSection, AgentsAndControlsMeetTheSameMishaps) {
   EXPECT_EQ(trials(dropping, "blind"), trials(perfect, "blind"));
   EXPECT_NE(trials(dropping, "sequence_filter"), trials(perfect, "sequence_filter"));
   std::vector<Json> curves;
-  for (const Json& one : data["worlds"])
-    for (const Json& unit : one["agents"][0]["units"]) {
+  for (const Json& one : data["points"])
+    for (const Json& unit : one[0]["units"]) {
       const Json& training = work_.outcome(unit.get<int>());
       EXPECT_EQ(training["trials"].size(), 2 * data["traversals"].size());
       Json curve = training["curve"];
@@ -147,16 +149,19 @@ class MapSection : public SectionTest {
 
 TEST_F(MapSection, PlansPoliciesWithAndWithoutJunctionsOnADrawnMap) {
   World world(city());
-  const Json data = section_.plan(context(world, world));
+  const Json data = planned(section_, context(world, world));
   EXPECT_EQ(work_.units(), 2 * (2 + 1 + 2) + 1);
   EXPECT_TRUE(data["drawn"]);
   EXPECT_EQ(data["layout"]["junctions"].size(), 7u);
   EXPECT_EQ(data["layout"]["east"].size(), 128u);
   EXPECT_EQ(data["traversals"].size(), 3u);
-  ASSERT_EQ(data["policies"].size(), 9u);
+  ASSERT_EQ(data["points"].size(), 2u);
+  EXPECT_EQ(data["points"][0].size(), 4u);
+  EXPECT_EQ(data["points"][1].size(), 5u) << "a sweep has no use for junctions";
   ASSERT_TRUE(work_.run());
-  for (const Json& policy : data["policies"])
-    for (const Json& unit : policy["units"]) EXPECT_EQ(work_.outcome(unit.get<int>())["trials"].size(), 3u) << policy;
+  for (const Json& point : data["points"])
+    for (const Json& policy : point)
+      for (const Json& unit : policy["units"]) EXPECT_EQ(work_.outcome(unit.get<int>())["trials"].size(), 3u) << policy;
 }
 
 TEST_F(MapSection, TakesRecordingsThatCrossThemselves) {
@@ -180,10 +185,10 @@ TEST_F(MapSection, TakesRecordingsThatCrossThemselves) {
   options.source.traversal = "day";
   options.source.selection.by = "index";  // night's features are no help in finding places, nor is a gap
   World world(options), drawn(city());
-  const Json planned = section_.plan(context(world, drawn));
-  EXPECT_FALSE(planned["drawn"]);
-  EXPECT_FALSE(planned["recordings"]["drawn"]);
-  EXPECT_EQ(planned["layout"]["junctions"].size(), 1u);
+  const Json data_of_map = planned(section_, context(world, drawn));
+  EXPECT_FALSE(data_of_map["drawn"]);
+  EXPECT_FALSE(data_of_map["recordings"]["drawn"]);
+  EXPECT_EQ(data_of_map["layout"]["junctions"].size(), 1u);
 }
 
 }  // namespace

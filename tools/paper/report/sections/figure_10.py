@@ -5,53 +5,48 @@ from pathlib import Path
 from typing import Any
 
 from charts import PIXELS_PER_INCH, Chart, Line, limits_around
-from inputs import Inputs, Recordings, numbers
+from inputs import numbers
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from page import Page
+from study import Study
 
 LABEL_HEIGHT = 18  # pixels
 TITLE_HEIGHT = 24
 
 
-def render(inputs: Inputs, data: Any, page: Page) -> None:
-    recordings, traversals = Recordings(data["recordings"]), data["traversals"]
-    introduce(inputs, data, recordings, page)
-    walks = {(training["agent"], row["traversal"]): row["walk"] for training in data["trainings"]
-             for row in trials_of(inputs.outcome(training["unit"])) if not row["shuffled"]}
+def render(study: Study) -> None:
+    introduce(study)
+    traversals, agents = study.data["traversals"], {policy.data["policy"]: policy for policy in study.policies}
+    walks = {(agent, name): policy.trials(name).rows[0]["walk"] for agent, policy in agents.items()
+             for name in traversals if policy.trainings}
     for traversal in traversals:
-        here = {agent: walk for (agent, where), walk in walks.items() if where == traversal}
-        strips = [strip for strip in data["strips"] if strip["traversal"] == traversal]
-        draw(inputs, recordings, traversal, here, strips, page)
-    rows = [row_of(training, traversal, walks[training["agent"], traversal], page) for training in data["trainings"]
-            for traversal in traversals if (training["agent"], traversal) in walks]
-    page.table("figure-10", "One task and one seed each: an illustration, not a measurement (Fig. 8 and 9 have those).",
-               ["agent", "representation", "seed", "traversal", "start", "goal", "end", "steps", "shortest", "reached"],
-               rows)
+        draw(study, traversal, {agent: walk for (agent, where), walk in walks.items() if where == traversal})
+    study.page.table("figure-10",
+                     "One task and one seed each: an illustration, not a measurement (Fig. 8 and 9 have those).",
+                     ["agent", "representation", "seed", "traversal", "start", "goal", "end", "steps", "shortest",
+                      "reached"],
+                     [row_of(study, agents[agent].data, traversal, walk)
+                      for (agent, traversal), walk in walks.items()])
 
 
-def trials_of(training: Any) -> list[Any]:
-    return training["trials"] if training else []
-
-
-def introduce(inputs: Inputs, data: Any, recordings: Recordings, page: Page) -> None:
-    hard = data["traversals"][-1]
+def introduce(study: Study) -> None:
+    data, train, hard = study.data, study.recordings.train, study.data["traversals"][-1]
     pictures = ("Each strip begins at the start and ends where the episode ends, at the goal or after "
-                f"{data['trainings'][0]['frames']} steps; below each picture are the place and the step."
+                f"{study.policies[0].data['frames']} steps; below each picture are the place and the step."
                 if data["pictures"] else "Pictures are left out, as asked for (--no-strips).")
     choice = ("." if hard == "night" else
               " and is the one that the agent on features does worst on (there is no 'night').")
-    page.text(
+    study.page.text(
         "Where agents go on one task, the same for all: of the first 20 tasks of the trials after training, the one "
-        f"with the longest way. {pictures} '{recordings.train}' is learned from, '{hard}' was never seen{choice} The "
-        f"recordings are {'drawn' if recordings.drawn else 'real'}."
+        f"with the longest way. {pictures} '{train}' is learned from, '{hard}' was never seen{choice} The "
+        f"recordings are {study.kind}."
         + (" The given data have no pictures, so the agents of this section were trained in a drawn city."
            if data["substitute"] else ""))
 
 
-def draw(inputs: Inputs, recordings: Recordings, traversal: str, walks: dict[str, Any], strips: list[Any],
-         page: Page) -> None:
-    name = f"figure-10-{traversal}"
+def draw(study: Study, traversal: str, walks: dict[str, Any]) -> None:
+    name, page = f"figure-10-{traversal}", study.page
+    strips = [strip for strip in study.data["strips"] if strip["traversal"] == traversal]
     page.remove_picture(name)
     if not walks:
         return
@@ -63,11 +58,11 @@ def draw(inputs: Inputs, recordings: Recordings, traversal: str, walks: dict[str
     y_limits = limits_around([goal, *(y for line in lines for y in line.y)])
     lines.append(Line("goal", [0, x_limits[1]], [goal, goal], dashed=True))
     lines.append(Line("shortest path", [0, abs(goal - start)], [start, goal], dashed=True))
-    chart = Chart(f"{traversal}{recordings.role(traversal)}", "step", "place", lines, x_limits, y_limits, width=560,
+    chart = Chart(study.title(traversal), "step", "place", lines, x_limits, y_limits, width=560,
                   height=300)
     task = f"From place {start} to place {goal} on '{traversal}'"
     if strips:
-        page.picture(name, sheet_of(inputs.folder, strips, walks), f"{task}.")
+        page.picture(name, sheet_of(study.inputs.folder, strips, walks), f"{task}.")
     page.chart(f"{name}-places", chart, f"{task}: place over steps.")
 
 
@@ -98,10 +93,10 @@ def sheet_of(folder: Path, strips: list[Any], walks: dict[str, Any]) -> Figure:
     return figure
 
 
-def row_of(training: Any, traversal: str, walk: Any, page: Page) -> list[str]:
+def row_of(study: Study, agent: Any, traversal: str, walk: Any) -> list[str]:
     if not walk["completed"]:
-        page.remark(f"{training['agent']} did not reach the goal on '{traversal}'.")
+        study.page.remark(f"{agent['policy']} did not reach the goal on '{traversal}'.")
     frames, goal = walk["frames"], walk["goal"]
-    values = [training["agent"], training["representation"], training["seed"], traversal, frames[0], goal, frames[-1],
+    values = [agent["policy"], agent["representation"], *agent["seeds"], traversal, frames[0], goal, frames[-1],
               len(frames) - 1, abs(goal - frames[0]), "yes" if walk["completed"] else "no"]
     return [str(value) for value in values]

@@ -14,11 +14,10 @@ ROOT = Path(__file__).resolve().parents[5]
 sys.path += [str(ROOT / "tools" / folder) for folder in ("paper/report", "vpr", "lab")]
 
 import charts
-import curves
 import estimates
+import policies
 import recognition_page
 import report
-import trials
 from page import Page
 from sample_study import sample, trial
 
@@ -188,24 +187,28 @@ class Estimates(unittest.TestCase):
             self.assertAlmostEqual(value, 5, 12)
 
 
+def curve_of(trainings: list[dict], figure: str, smoothing: float) -> charts.Line:
+    return policies.Policy({}, trainings).curve("an agent", figure, smoothing)
+
+
 class Curves(unittest.TestCase):
     def test_final_values_are_of_the_last_episodes(self) -> None:
         curve = {"episodes": [100, 200, 1000, 1000, 1400], "reward": [0, 0, 0.5, None, 0.8]}
-        self.assertAlmostEqual(curves.final_value({"curve": curve}, "reward"), (800 * 0.5 + 400 * 0.8) / 1200, 12)
-        self.assertTrue(math.isnan(curves.final_value({"curve": {"episodes": [], "reward": []}}, "reward")))
+        self.assertAlmostEqual(policies.final_value({"curve": curve}, "reward"), (800 * 0.5 + 400 * 0.8) / 1200, 12)
+        self.assertTrue(math.isnan(policies.final_value({"curve": {"episodes": [], "reward": []}}, "reward")))
 
     def test_mean_does_not_jump_where_a_seed_ends(self) -> None:
         def training(episodes: int, reward: float) -> dict:
             return {"episodes": episodes, "curve": {"episodes": [1, episodes / 2, episodes], "reward": [reward] * 3}}
 
-        line = curves.mean_curve("two seeds", [training(400, -1), training(1000, 0.5)], "reward", 0.9)
+        line = curve_of([training(400, -1), training(1000, 0.5)], "reward", 0.9)
         self.assertEqual(line.x[-1], 1000)
         for y in line.y:
             self.assertAlmostEqual(y, -0.25, 12)
 
     def test_curves_go_from_the_first_point_to_the_last(self) -> None:
         training = {"episodes": 200, "curve": {"episodes": [100, 200], "reward": [10, 30]}}
-        line = curves.mean_curve("one seed", [training], "reward", 0)
+        line = curve_of([training], "reward", 0)
         self.assertTrue(math.isnan(line.y[line.x.index(99)]))
         self.assertEqual([line.y[line.x.index(x)] for x in (100, 150, 200)], [10, 20, 30])
 
@@ -216,24 +219,25 @@ class TrialsOfSeeds(unittest.TestCase):
             return {**trial(traversal, shuffled, spl), "completed": completed, "excess": None}
 
         two = [[row("summer", 1, 0.9), row("fall", 0.5, 0.4), row("fall", 0.1, 0.1, True)], [row("fall", 0.7, 0.6)]]
-        both = trials.trials_on(two, "fall")
-        self.assertEqual((both.seeds, both.seeds_by_tasks), (2, "2 x 100"))
+        policy = policies.Policy({}, two)
+        both = policy.trials("fall")
+        self.assertEqual(both.seeds_by_tasks, "2 x 100")
         self.assertAlmostEqual(both.completed.mean, 0.6, 12)
         self.assertAlmostEqual(both.spl.mean, 0.5, 12)
-        self.assertTrue(math.isnan(both.excess.mean))
-        self.assertEqual(trials.trials_on(two, "fall", shuffled=True).completed.mean, 0.1)
-        one = trials.trials_on(two, "summer")
+        self.assertTrue(math.isnan(both.figure("excess").mean))
+        self.assertEqual(policy.trials("fall", shuffled=True).completed.mean, 0.1)
+        one = policy.trials("summer")
         self.assertEqual(one.completed.n, 100)
         self.assertAlmostEqual(one.completed.low, 0.963, 3)
-        self.assertEqual(trials.trials_on([None], "summer").seeds_by_tasks, "-")
+        self.assertEqual(policies.Policy({}, [None]).trials("summer").seeds_by_tasks, "-")
 
     def test_are_worse_beyond_the_margin_and_by_more_than_chance(self) -> None:
         yardstick = estimates.Estimate(0.9)
-        self.assertTrue(trials.is_worse(estimates.Estimate(0.8, 0.75, 0.85, 5), yardstick))
-        self.assertFalse(trials.is_worse(estimates.Estimate(0.8, 0.65, 0.95, 5), yardstick))
-        self.assertTrue(trials.is_worse(estimates.Estimate(0.8), yardstick))
-        self.assertFalse(trials.is_worse(estimates.Estimate(0.895), yardstick))
-        self.assertFalse(trials.is_worse(estimates.Estimate(), yardstick))
+        self.assertTrue(policies.is_worse(estimates.Estimate(0.8, 0.75, 0.85, 5), yardstick))
+        self.assertFalse(policies.is_worse(estimates.Estimate(0.8, 0.65, 0.95, 5), yardstick))
+        self.assertTrue(policies.is_worse(estimates.Estimate(0.8), yardstick))
+        self.assertFalse(policies.is_worse(estimates.Estimate(0.895), yardstick))
+        self.assertFalse(policies.is_worse(estimates.Estimate(), yardstick))
 
 
 if __name__ == "__main__":

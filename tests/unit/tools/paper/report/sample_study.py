@@ -38,21 +38,30 @@ class Study:
     def trainings(self) -> list[int]:
         return [self.unit(training(1)), self.unit(training(2)), self.unit(None)]
 
-    def agents(self) -> list[dict]:
-        return [{"agent": agent, "label": f"{agent} <ours>", "representation": "hog-64", "features": 64,
-                 "units": self.trainings()} for agent in ("baseline", "features", "raw_images", "place_filter")]
+    def policy(self, label: str, units: list[int], **data) -> dict:
+        """An entry of report.json about an agent, or about a control when it is named like one."""
+        return {"policy": label.split()[0], "label": label, "variant": "", "learner": "ppo",
+                "learns": label.split(",")[0] not in ("blind", "shortest_path", "sequence_filter"),
+                "representation": "hog-64", "features": 64, "frames": 128, "steps": 5, "seeds": [1], "experiences": [],
+                "imperfections": {"slip": 0, "dropped_frames": 0, "kidnappings": 0}, "junctions": False,
+                "units": units, **data}
 
-    def controls(self, *names: str) -> list[dict]:
+    def agents(self) -> list[dict]:
+        return [self.policy(f"{agent} <ours>", self.trainings())
+                for agent in ("baseline", "features", "raw_images", "place_filter")]
+
+    def controls(self, *names: str, **data) -> list[dict]:
         rows = [trial(traversal, spl=0.95) for traversal in [*TRAVERSALS, "0 m", "1 m"]]
-        return [{"label": name, "unit": self.unit(rows)} for name in names]
+        return [self.policy(name, [self.unit(rows)], **data) for name in names]
 
     def cases(self, queries: list[str]) -> list[dict]:
         outcome = {"queries": 50, "auc": 0.6, "auc_low": 0.5, "auc_high": 0.7, "recall": 0.8}
         return [{"representation": representation, "method": method, "query": query, "unit": self.unit(outcome)}
                 for representation in ("hog-64", "hog-512") for method in ("mlp", "nearest") for query in queries]
 
-    def section(self, name: str, **data) -> None:
-        self.sections.append({"name": name, "title": f"The part {name}", "data": data})
+    def section(self, name: str, *points: list[dict], **data) -> None:
+        common = {"recordings": recordings(TRAVERSALS), "substitute": False, "points": points}
+        self.sections.append({"name": name, "title": f"The part {name}", "data": {**common, **data}})
 
     def write(self, folder: Path) -> None:
         report = {"command": "./run paper --quick", "version": "1.2.3", "quick": True, "tasks": 100,
@@ -73,17 +82,14 @@ def recordings(names: list[str]) -> dict:
 
 def sample() -> Study:
     study = Study()
-    study.section("figure-2", agents=study.agents())
+    study.section("figure-2", study.agents())
     study.section("figure-6", tolerance=2, representations=["hog-64", "hog-512"], methods=["mlp", "nearest"],
                   queries=["night"], cases=study.cases(["night"]))
-    study.section("figure-7", agents=study.agents())
-    study.section("figure-8-9", agents=study.agents(),
-                  controls=study.controls("blind", "shortest_path", "sequence_filter"))
+    study.section("figure-7", study.agents())
+    study.section("figure-8-9", study.agents() + study.controls("blind", "shortest_path", "sequence_filter"))
     walkers = ("features", "raw_images")
-    study.section("figure-10", recordings=recordings(TRAVERSALS), substitute=False, pictures=True,
+    study.section("figure-10", [study.policy(agent, [study.unit(training(1))]) for agent in walkers], pictures=True,
                   traversals=TRAVERSALS,
-                  trainings=[{"agent": agent, "representation": "hog-64", "seed": 1, "frames": 128,
-                              "unit": study.unit(training(1))} for agent in walkers],
                   strips=[{"traversal": traversal, "agent": agent, "file": f"walk-{traversal}-{agent}.png",
                            "frames": [2, 3, 4, 5], "steps": [0, 1, 2, None]}
                           for traversal in TRAVERSALS for agent in walkers])
@@ -91,47 +97,44 @@ def sample() -> Study:
                   memory=study.unit({"environments": 512, "agents": 16, "bytes": {"environment": 7e3, "process": 8e7}}),
                   traversals=[{"name": name, "condition": name, "frames": 160, "metres": 1590.0, "step": 10.0,
                                "smallest_step": None, "sensors": "pictures"} for name in TRAVERSALS])
-    study.section("longer-routes", most_for_features=128,
-                  routes=[{"frames": frames, "controls": study.controls("blind", "shortest_path", "sequence_filter"),
-                           "agents": [{"label": "place_filter", "learner": "relabel", "units": study.trainings()}]}
-                          for frames in (128, 160)])
-    study.section("transfer", frames=80, controls=study.controls("blind", "sequence_filter"),
-                  agents=[{"agent": "features", "label": "features",
-                           "unchanged": [study.unit([trial("summer", spl=0.3)])],
-                           "variants": [{"label": "all", "pretrained": True, "units": study.trainings()},
-                                        {"label": "anew", "pretrained": False, "units": study.trainings()}]}])
-    study.section("viewpoint", recordings=recordings(["summer", "0 m", "1 m"]), substitute=False,
-                  representation="hog-64", frames=128, tolerance=2,
-                  shifts=[{"at": 0, "name": "0 m"}, {"at": 1, "name": "1 m"}],
-                  methods=["mlp", "nearest"], cases=study.cases(["0 m", "1 m"]),
-                  agents=[{"label": "features", "units": [study.unit([trial("0 m"), trial("1 m")]), study.unit(None)]}],
-                  controls=study.controls("blind", "sequence_filter"))
+    study.section("longer-routes",
+                  *([study.policy("place_filter", study.trainings(), frames=frames),
+                     *study.controls("blind", "shortest_path", "sequence_filter", frames=frames)]
+                    for frames in (128, 160)), most_for_features=128)
+    study.section("transfer",
+                  [study.policy("features", [study.unit([trial("summer", spl=0.3)])], variant="unchanged, no training"),
+                   study.policy("features", study.trainings(), variant="all"),
+                   study.policy("features", study.trainings(), variant="trained from scratch"),
+                   *study.controls("blind", "sequence_filter")])
+    study.section("viewpoint",
+                  [study.policy("features", [study.unit([trial("0 m"), trial("1 m")]), study.unit(None)]),
+                   *study.controls("blind", "sequence_filter")],
+                  recordings=recordings(["summer", "0 m", "1 m"]), tolerance=2,
+                  shifts=[{"at": 0, "name": "0 m"}, {"at": 1, "name": "1 m"}], methods=["mlp", "nearest"],
+                  cases=study.cases(["0 m", "1 m"]))
 
-    study.section("experiences", recordings=recordings([*TRAVERSALS, "mixed"]), substitute=False, simulated=True,
-                  second="night", frames=128, representation="hog-64",
-                  variants=[{"more": more, "controls": study.controls("sequence_filter"),
-                             "agents": [{"label": "place_filter",
-                                         "units": [study.unit({**training(1), "trials": [trial("mixed", spl=spl)]})]}]}
-                            for more, spl in (([], 0.9), (["night"], 0.8))])
+    def tried_on(names: list[str], spl: float) -> int:
+        return study.unit({**training(1), "trials": [trial(name, spl=spl) for name in names]})
 
-    def in_world(slip: float, dropped_frames: float, kidnappings: int, spl: float) -> dict:
-        told = {"slip": slip} if slip else {}
-        return {"slip": slip, "dropped_frames": dropped_frames, "kidnappings": kidnappings, "told": told,
-                "controls": study.controls("sequence_filter", "blind", "shortest_path",
-                                           *(["sequence_filter, told"] if told else [])),
-                "agents": [{"label": "place_filter", "units": [
-                    study.unit({**training(1), "trials": [trial(name, spl=spl) for name in TRAVERSALS]}),
-                    study.unit(None)]}]}
+    study.section("experiences",
+                  *([study.policy("place_filter", [tried_on(["mixed"], spl)], experiences=more),
+                     *study.controls("sequence_filter", experiences=more)]
+                    for more, spl in (([], 0.9), (["night"], 0.8))),
+                  recordings=recordings([*TRAVERSALS, "mixed"]), simulated=True, second="night")
 
-    study.section("imperfect-world", traversals=TRAVERSALS, frames=128, representation="hog-64",
-                  worlds=[in_world(0, 0, 0, 0.99), in_world(0.1, 0, 0, 0.9), in_world(0, 0.1, 0, 0.99),
-                          in_world(0.1, 0.1, 1, 0.99)])
-    study.section("dimensions", recordings=recordings(TRAVERSALS), substitute=True, encoder="hog",
-                  encoder_dimension=600, learned_from=512, missing=[2048], frames=128,
-                  sizes=[{"features": features, "controls": study.controls("sequence_filter", "blind"),
-                          "agents": [{"label": "features",
-                                      "units": [study.unit({**training(1), "trials": [trial("night", spl=spl)]})]}]}
-                         for features, spl in ((64, 0.9), (511, 0.8))])
+    def in_world(slip: float, dropped_frames: float, kidnappings: int, spl: float) -> list[dict]:
+        world = {"slip": slip, "dropped_frames": dropped_frames, "kidnappings": kidnappings}
+        told = ["sequence_filter, told"] if slip else []
+        return [study.policy("place_filter", [tried_on(TRAVERSALS, spl), study.unit(None)], imperfections=world),
+                *study.controls("sequence_filter", "blind", "shortest_path", *told, imperfections=world)]
+
+    study.section("imperfect-world", in_world(0, 0, 0, 0.99), in_world(0.1, 0, 0, 0.9), in_world(0, 0.1, 0, 0.99),
+                  in_world(0.1, 0.1, 1, 0.99), traversals=TRAVERSALS)
+    study.section("dimensions",
+                  *([study.policy("features", [tried_on(["night"], spl)], features=features),
+                     *study.controls("sequence_filter", "blind", features=features)]
+                    for features, spl in ((64, 0.9), (511, 0.8))),
+                  substitute=True, encoder="hog", encoder_dimension=600, learned_from=512, missing=[2048])
 
     def on_map(policy: str) -> dict:
         estimate = {"mean": 0.4 if policy == "place_filter" else 0.5, "low": 0.3, "high": 0.6, "n": 100}
@@ -139,10 +142,10 @@ def sample() -> Study:
                 for name in TRAVERSALS]
         return {**training(1), "trials": rows, "walk": {"start": 0, "goal": 3, "places": [0, 1, 2, 3]}}
 
-    study.section("map", recordings=recordings(TRAVERSALS), drawn=True, traversals=TRAVERSALS,
+    study.section("map",
+                  *([study.policy(policy, [study.unit(on_map(policy))], junctions=junctions)
+                     for policy in ("place_filter", "sequence_filter", "blind")] for junctions in (True, False)),
+                  drawn=True, traversals=TRAVERSALS,
                   layout={"first": 0, "frames": 4, "east": [0, 10, 10, None], "north": [0, 0, 10, None],
-                          "junctions": [[0, 2]]},
-                  policies=[{"policy": policy, "label": policy, "learns": policy == "place_filter",
-                             "junctions": junctions, "steps": 5, "units": [study.unit(on_map(policy))]}
-                            for policy in ("place_filter", "sequence_filter", "blind") for junctions in (True, False)])
+                          "junctions": [[0, 2]]})
     return study

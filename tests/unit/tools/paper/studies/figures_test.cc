@@ -12,25 +12,24 @@ namespace citylearn::paper {
 namespace {
 
 TEST(Statistics, MeansHaveStudentsInterval) {
-  const Estimate estimate = of_mean({1, 2, 3, 4, 5});
-  EXPECT_EQ(estimate.n, 5);
-  EXPECT_DOUBLE_EQ(estimate.mean, 3);
+  const Json estimate = mean_estimate({1, 2, 3, 4, 5});
+  EXPECT_EQ(estimate["n"], 5);
+  EXPECT_DOUBLE_EQ(estimate["mean"].get<double>(), 3);
   // t(0.975, 4) = 2.776445; s = sqrt(2.5).
-  EXPECT_NEAR(estimate.high - 3, 2.776445 * std::sqrt(2.5 / 5), 1e-5);
-  EXPECT_NEAR(estimate.low + estimate.high, 6, 1e-12);
+  EXPECT_NEAR(estimate["high"].get<double>() - 3, 2.776445 * std::sqrt(2.5 / 5), 1e-5);
+  EXPECT_NEAR(estimate["low"].get<double>() + estimate["high"].get<double>(), 6, 1e-12);
 }
 
 TEST(Statistics, OneValueHasNoIntervalAndNoneNoMean) {
-  EXPECT_DOUBLE_EQ(of_mean({7}).mean, 7);
-  EXPECT_TRUE(std::isnan(of_mean({7}).low));
-  EXPECT_TRUE(std::isnan(of_mean({}).mean));
-  EXPECT_EQ(of_mean({NAN, 2, INFINITY, 4}).n, 2);
+  EXPECT_EQ(mean_estimate({7}), (Json{{"mean", 7.0}, {"low", nullptr}, {"high", nullptr}, {"n", 1}}));
+  EXPECT_TRUE(mean_estimate({})["mean"].is_null());
+  EXPECT_EQ(mean_estimate({NAN, 2, INFINITY, 4})["n"], 2);
 }
 
 TEST(Statistics, SharesHaveWilsonsInterval) {
-  const Estimate all = of_share(100, 100);
-  EXPECT_DOUBLE_EQ(all.mean, 1);
-  EXPECT_NEAR(all.low, 0.963, 0.001);  // not 1: a hundred successes prove no more
+  const Json all = share_estimate(100, 100);
+  EXPECT_DOUBLE_EQ(all["mean"].get<double>(), 1);
+  EXPECT_NEAR(all["low"].get<double>(), 0.963, 0.001);  // not 1: a hundred successes prove no more
 }
 
 Environment::Episode episode(int task, int start, int goal, const std::vector<int>& actions) {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Routes that cross themselves, and policies on them.
-#include "tools/paper/studies/map_study.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -9,6 +7,7 @@
 #include "env_service/geometry/crossings.h"
 #include "tests/unit/tools/paper/looped_recording.h"
 #include "tools/lab/training.h"
+#include "tools/paper/studies/study.h"
 
 namespace citylearn::paper {
 namespace {
@@ -49,10 +48,11 @@ TEST(MapStudy, JunctionsMakeWaysShorter) {
   WorldOptions options;
   options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 90}};
   World world(options);
-  MapStudy study;
-  study.learns = false;
+  Study study;
+  study.kind = Study::Kind::kControl;
   study.representation = "features";
-  study.layout = drawn_layout(80);
+  study.map = drawn_layout(80);
+  study.frames = 80;
   study.tasks = 200;
   study.traversals = {"summer", "winter"};
   const auto of = [&](const std::string& policy, bool junctions, const char* figure) {
@@ -78,10 +78,12 @@ TEST(MapStudy, TrainingIsTheSameAgain) {
   WorldOptions options;
   options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 90}};
   World world(options);
-  MapStudy study;
+  Study study;
   study.policy = "place_filter";
+  study.junctions = true;
   study.representation = "features";
-  study.layout = drawn_layout(80);
+  study.map = drawn_layout(80);
+  study.frames = 80;
   study.steps = 3000;
   study.tasks = 20;
   study.traversals = {"summer", "night"};

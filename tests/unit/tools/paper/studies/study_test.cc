@@ -20,7 +20,7 @@ Source drawn(int frames) {
 
 Study short_study() {
   Study study;
-  study.agent = "place_filter";
+  study.policy = "place_filter";
   study.learner = "relabel";
   study.representation = "features";
   study.frames = 12;
@@ -38,10 +38,12 @@ TEST(TransferTrials, UseTheSavedAgentBitForBit) {
   const Folder folder;
   const Study source = short_study();
   Study task = source;
+  task.kind = Study::Kind::kUnchanged;
   task.traversals = {"summer", "fall"};
   const auto transferred_to = [&](int first, const Work& work) {
     task.first = first;
-    return transfer_unit(saved_agent(source, world, work), task, world);
+    task.initial = saved_agent(source, world, work);
+    return unit_of(task, world);
   };
   Study further = source;
   further.save_parameters = false;
@@ -83,7 +85,10 @@ TEST(TransferTrials, FailWithTheTrainingTheyNeed) {
   Study impossible = short_study();
   impossible.frozen = {"nothing of that name"};
   work.add(unit_of(impossible, world));
-  const Unit transfer = transfer_unit(saved_agent(impossible, world, work), short_study(), world);
+  Study task = short_study();
+  task.kind = Study::Kind::kUnchanged;
+  task.initial = saved_agent(impossible, world, work);
+  const Unit transfer = unit_of(task, world);
   work.add(transfer);
   EXPECT_FALSE(work.run());
   EXPECT_TRUE(work.outcome(transfer.spec).is_null());
@@ -101,10 +106,10 @@ TEST(Studies, LearnFromSeveralExperiences) {
   alone.traversals = both.traversals = {"winter"};
   alone.save_parameters = both.save_parameters = true;
   Study control = alone, knows_winter = alone;
-  control.agent = knows_winter.agent = "sequence_filter";
+  control.kind = knows_winter.kind = Study::Kind::kControl;
+  control.policy = knows_winter.policy = "sequence_filter";
   knows_winter.experiences = {"winter"};
-  for (const Study& study : {alone, both}) work.add(unit_of(study, world));
-  for (const Study& study : {control, knows_winter}) work.add(control_unit(study, world));
+  for (const Study& study : {alone, both, control, knows_winter}) work.add(unit_of(study, world));
   ASSERT_TRUE(work.run());
   ASSERT_EQ(work.units(), 4);
   EXPECT_NE(work.outcome(0)["parameters"], work.outcome(1)["parameters"]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/paper/studies/memory.h"
+#include "tools/paper/studies/measurements.h"
 
 #include <malloc.h>
 #include <spdlog/fmt/fmt.h>
@@ -13,6 +13,7 @@
 #include "core/util/error.h"
 #include "env_service/environment.h"
 #include "tools/lab/programs.h"
+#include "tools/lab/recognition/methods.h"
 
 namespace citylearn::paper {
 namespace {
@@ -80,12 +81,10 @@ double of_process(const std::string& program, const World& world) {
   return bytes;
 }
 
-}  // namespace
-
+/// Returns the path of the env_service beside this program; empty where there is none.
 std::string env_service_program() {
   std::error_code error;
   const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
-  if (error) return "";
   for (const char* place : {"env_service", "../../env_service/env_service"}) {  // of an installation, of a build
     const std::filesystem::path program = self.parent_path() / place;
     if (std::filesystem::is_regular_file(program, error)) return program.lexically_normal().string();
@@ -93,24 +92,57 @@ std::string env_service_program() {
   return "";
 }
 
-Unit memory_unit(const std::string& representation, const std::string& program, World& world) {
-  Unit unit;
-  unit.name = "memory of environments";
-  unit.spec = {{"kind", "memory"},
-               {"representation", representation},
-               {"recording", world.hash(world.train())},
-               {"environments", kEnvironments},
-               {"process", !program.empty()}};
-  unit.seconds = 2;
-  unit.compute = [representation, program, &world]() -> Json {
-    const Traversal& traversal = world.traversal(representation, world.train());
-    const double environment = of_environments(traversal, std::min(128, world.frames()));
-    return {{"environments", kEnvironments},
-            {"agents", kAgents},
-            {"bytes",
-             {{"environment", environment}, {"process", program.empty() ? Json() : Json(of_process(program, world))}}}};
+Json recognise(World& world, const std::string& representation, const std::string& method, const std::string& query) {
+  const auto matrix = [&](const std::string& name) {
+    const Traversal& traversal = world.traversal(representation, name);
+    return Eigen::Map<const Eigen::MatrixXf>(traversal.features.data(), traversal.dimension, traversal.frames);
   };
-  return unit;
+  const Eigen::MatrixXf reference = matrix(world.train()), frames = matrix(query);
+  const auto truth =
+      GroundTruth::by_index(static_cast<int>(reference.cols()), static_cast<int>(frames.cols()), kPlaceTolerance);
+  const Answers answers = lab::Method(method).run(reference, frames, truth, {}).answers;
+  throw_if_stopped();
+  const Interval interval = auc_interval(answers, 1);
+  return {{"queries", answers.queries()},
+          {"auc", precision_recall(answers).auc},
+          {"auc_low", interval.low},
+          {"auc_high", interval.high},
+          {"recall", recall_at(answers, 1)}};
+}
+
+}  // namespace
+
+Json add_recognition(const std::string& representation, const std::string& method, const std::string& query, Work& work,
+                     World& world) {
+  const double size = world.frames() / 640.0;  // each frame is a class, and an example
+  const int unit = work.add({"recognition of '" + query + "' by " + representation + ", " + method,
+                             {{"kind", "recognition"},
+                              {"representation", representation},
+                              {"method", method},
+                              {"frames", world.frames()},
+                              {"recordings", {world.hash(world.train()), world.hash(query)}}},
+                             size * size * (method == "mlp" ? 1.5 : 0.1),
+                             [=, &world] { return recognise(world, representation, method, query); }});
+  return {{"representation", representation}, {"method", method}, {"query", query}, {"unit", unit}};
+}
+
+Unit memory_unit(const std::string& representation, World& world) {
+  const std::string program = env_service_program();
+  return {"memory of environments",
+          {{"kind", "memory"},
+           {"representation", representation},
+           {"recording", world.hash(world.train())},
+           {"environments", kEnvironments},
+           {"process", !program.empty()}},
+          2,
+          [representation, program, &world]() -> Json {
+            const Traversal& traversal = world.traversal(representation, world.train());
+            const double environment = of_environments(traversal, std::min(128, world.frames()));
+            const Json process = program.empty() ? Json() : Json(of_process(program, world));
+            return {{"environments", kEnvironments},
+                    {"agents", kAgents},
+                    {"bytes", {{"environment", environment}, {"process", process}}}};
+          }};
 }
 
 }  // namespace citylearn::paper

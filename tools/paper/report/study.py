@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A section of the report, and the charts, tables and remarks that sections share."""
+
+from typing import Any
+
+from charts import Chart, Line, limits_around
+from estimates import fixed, percent
+from inputs import Inputs, Recordings
+from page import Page
+from policies import Policy, is_worse, training_row, trial_row
+
+# For captions.
+MEANS = ("means over the same tasks for all policies (agents: over seeds, with the 95 % interval of the mean; one seed "
+         "or a control: of the share, Wilson)")
+MEAN_OF_SEEDS = ("mean of the seeds with its 95 % interval (a seed with fewer episodes than the others counts on with "
+                 "its last value)")
+
+UNADAPTED, TOLD, BLIND = "sequence_filter", "sequence_filter, told", "blind"
+TRIALS = ["traversal", "seeds x tasks", "completed", "SPL", "excess"]  # columns of most tables of trials
+
+MISHAPS = {"slip": "slip", "dropped_frames": "dropped frames", "kidnappings": "kidnappings"}
+
+Policies = dict[str, Policy]  # by label, with the variant where there are several
+
+
+class Study:
+    """What citylearn_paper says about a section, and the page that shows it."""
+
+    def __init__(self, inputs: Inputs, data: Any, page: Page):
+        self.inputs, self.data, self.page = inputs, data, page
+        self.recordings = Recordings(data["recordings"])
+        self.points: list[Policies] = [{key_of(entry): policy_of(inputs, self.recordings.train, entry)
+                                        for entry in point} for point in data["points"]]
+
+    @property
+    def policies(self) -> list[Policy]:
+        return [policy for point in self.points for policy in point.values()]
+
+    @property
+    def kind(self) -> str:
+        return "drawn" if self.recordings.drawn else "real"
+
+    @property
+    def places(self) -> str:
+        first = self.policies[0].data
+        return f"Places 0 to {first['frames'] - 1}"
+
+    @property
+    def places_and_eye(self) -> str:
+        return f"{self.places}, as {self.policies[0].data['representation']}"
+
+    def title(self, traversal: str, text: str = "") -> str:
+        return f"{traversal}{self.recordings.role(traversal)}{text and ': '}{text}"
+
+    def trained(self, name: str, caption: str, columns: list[str | tuple[str, str]],
+                policies: list[Policy] | None = None) -> None:
+        """Adds a table about trainings, a row for each agent of which a seed succeeded."""
+        rows = [training_row(policy, columns) for policy in (self.policies if policies is None else policies)
+                if policy.learns and policy.trainings]
+        self.page.table(name, caption, [column if isinstance(column, str) else column[0] for column in columns], rows)
+
+    def tried(self, name: str, caption: str, columns: list[str], traversals: list[str],
+              by_traversal: bool = False) -> None:
+        """Adds a table about trials, a row for each policy on each traversal that it was tried on."""
+        pairs = ([(policy, traversal) for traversal in traversals for policy in self.policies] if by_traversal else
+                 [(policy, traversal) for policy in self.policies for traversal in traversals])
+        keys = ["traversal" if column == "recording" else column for column in columns]
+        self.page.table(name, caption, columns, [trial_row(policy, traversal, keys) for policy, traversal in pairs
+                                                 if policy.trials(traversal).rows])
+
+    def draw_spl(self, name: str, title: str, x_label: str, points: list[tuple[float, str, Policies]],
+                 **limits: Any) -> None:
+        """Draws SPL over x, on a traversal at each: a line for each policy, with intervals where it learns."""
+        lines: dict[str, Line] = {}
+        for x, traversal, policies in points:
+            for label, policy in policies.items():
+                line = lines.setdefault(label, Line(label, dashed=not policy.learns))
+                spl = policy.trials(traversal).spl
+                line.add(x, spl.mean, *((spl.low, spl.high) if policy.learns else ()))
+        chart = Chart(title, x_label, "SPL", list(lines.values()), y_limits=(0, 1), height=260, **limits)
+        self.page.chart(name, chart,
+                        f"{title}, mean of the seeds with its 95 % interval; dashed: policies that learn nothing.")
+
+    def draw_sizes(self, name: str, what: str, x_label: str, sizes: list[int]) -> None:
+        """Draws SPL on each traversal over a size that the points differ in."""
+        for traversal in self.recordings.names:
+            self.draw_spl(f"{name}-{traversal}", self.title(traversal, f"SPL by {what}"), x_label,
+                          [(size, traversal, point) for size, point in zip(sizes, self.points)],
+                          x_logarithmic=True, x_limits=(sizes[0] * 0.9, sizes[-1] * 1.1))
+
+    def draw_training(self, name: str, caption: str, chart: Chart, yardsticks: dict[str, float] | None = None) -> None:
+        """Draws lines over episodes, and dashed ones at the heights of the yardsticks. The caption follows the title
+        when it begins with a comma or a blank."""
+        chart.x_limits = limits_around([line.x[-1] for line in chart.lines if line.x], from_zero=True)
+        chart.width = 560
+        for label, height in (yardsticks or {}).items():
+            chart.lines.append(Line(label, [0, chart.x_limits[1]], [height] * 2, dashed=True))
+        self.page.chart(name, chart, (chart.title if caption[0] in ", " else "") + caption)
+
+    def remark_failed(self, where: str = "", policies: list[Policy] | None = None) -> None:
+        """Remarks which trainings failed; {COLUMN} in `where` becomes that cell of the policy."""
+        for policy in self.policies if policies is None else policies:
+            if policy.learns and (failed := policy.outcomes.count(None)):
+                self.page.remark(f"{policy.label}{where.format(**policy.cells)}: {failed} of {len(policy.outcomes)} "
+                                 "trainings failed.")
+
+    def remark_worse_than_controls(self, point: Policies, recordings: list[str], preposition: str,
+                                   where: str = "") -> None:
+        """Remarks on which recordings agents failed, or are worse than policies that learn nothing."""
+        for policy in [policy for policy in point.values() if policy.learns]:
+            self.remark_failed(where, [policy])
+            lost, behind = [], []
+            for name in recordings:
+                own = policy.trials(name)
+                figures = f"{name} (SPL {fixed(own.spl.mean, 3)}, completed {percent(own.completed)})"
+                if own.spl.mean <= point[BLIND].trials(name).spl.mean:
+                    lost.append(figures)
+                elif is_worse(own.spl, point[UNADAPTED].trials(name).spl):
+                    behind.append(figures)
+            for found, text in ((lost, "no better than a policy that never looks"),
+                                (behind, "worse than the sequence filter by more than 0.01 SPL")):
+                if found:
+                    self.page.remark(f"{policy.label}{where.format(**policy.cells)}: {text} {preposition} "
+                                     f"{', '.join(found)}.")
+
+
+def key_of(entry: Any) -> str:
+    return f"{entry['label']}, {entry['variant']}" if entry["variant"] else entry["label"]
+
+
+def policy_of(inputs: Inputs, train: str, entry: Any) -> Policy:
+    cells = {"agent": entry["label"], "policy": entry["label"], "variant": entry["variant"],
+             "learner": entry["learner"], "representation": entry["representation"], "features": str(entry["features"]),
+             "places": str(entry["frames"]), "knows": ", ".join([train, *entry["experiences"]]),
+             "world": name_of(entry["imperfections"]), "junctions": "yes" if entry["junctions"] else "no",
+             "trained": str(entry["steps"]) if entry["learns"] else "-"}
+    return Policy(entry, [inputs.outcome(unit) for unit in entry["units"]], cells)
+
+
+def name_of(world: Any) -> str:
+    """Returns "slip 10 %, kidnappings 1"."""
+    parts = [f"{text} {world[kind]}" if kind == "kidnappings" else f"{text} {100 * world[kind]:g} %"
+             for kind, text in MISHAPS.items() if world[kind] > 0]
+    return ", ".join(parts) or "perfect"
