@@ -83,6 +83,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   line.node.session = kAllRuns;
   add_node_options(app, line.node);
   add_metrics_option(app, line.node);
+  add_memory_option(app);
   app.get_option("--session")->description("Session to show and record, or all of the domain's");
 }
 

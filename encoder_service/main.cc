@@ -53,6 +53,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   service.node.id = "encoder";
   add_node_options(app, service.node);
   add_metrics_option(app, service.node);
+  add_memory_option(app);
 }
 
 void list() {

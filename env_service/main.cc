@@ -62,6 +62,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
   add_metrics_option(app, line.service.node);
+  add_memory_option(app);
 }
 
 void list() {

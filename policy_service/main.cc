@@ -210,6 +210,7 @@ int main(int argc, char** argv) {
 
     add_node_options(app, options.node);
     add_metrics_option(app, options.node);
+    add_memory_option(app);
     add_plugin_parameters(app, line);
   };
   return service_main(argc, argv, "Trains and evaluates navigation agents on the env_services of its run.", add_options,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/wire/service.h"
 
+#include <fmt/format.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 #include <sys/mman.h>
@@ -10,12 +11,18 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
+#include <condition_variable>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <filesystem>
+#include <fstream>
 #include <iostream>
+#include <mutex>
 #include <set>
+#include <thread>
 
 #include "core/command_line/help_text.h"
 #include "core/command_line/number_check.h"
@@ -26,6 +33,10 @@
 
 namespace citylearn {
 namespace {
+
+constexpr std::uint64_t kMinMemoryLimit = 64 << 20;
+/// Less time than a process needs to take a tenth of a machine's memory.
+constexpr std::chrono::milliseconds kMemoryCheckInterval{50};
 
 volatile std::sig_atomic_t stop_signal = 0;
 
@@ -65,6 +76,53 @@ void install_handlers() {
   std::signal(SIGABRT, on_abort);
   std::set_terminate(on_terminate);
   std::signal(SIGXFSZ, SIG_IGN);  // a file beyond `ulimit -f` is an error of its write, as on a full disk
+}
+
+/// Returns the bytes that this process holds for itself; 0 where /proc is not mounted. Mapped files do not count,
+/// because the kernel drops their pages when it needs room.
+std::uint64_t held_memory() {
+  std::uint64_t size = 0, resident = 0, shared = 0;
+  std::ifstream("/proc/self/statm") >> size >> resident >> shared;
+  return (resident - shared) * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+std::uint64_t most_of_the_memory() {
+  return static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES)) / 4 * 3 * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+/// Starts the program anew, in this process, soon after it holds more than `limit` bytes. Nothing is saved or sent, as
+/// if it was killed. The thread does this until it is destroyed.
+std::jthread restart_beyond(std::uint64_t limit, std::vector<std::string> arguments) {
+  return std::jthread([limit, arguments](const std::stop_token& stop) mutable {
+    std::error_code unknown;
+    const std::string program = std::filesystem::read_symlink("/proc/self/exe", unknown);
+    std::vector<char*> words;
+    for (std::string& argument : arguments) words.push_back(argument.data());
+    words.push_back(nullptr);
+    std::mutex mutex;
+    std::unique_lock lock(mutex);
+    std::condition_variable_any stopped;
+    while (!stopped.wait_for(lock, stop, kMemoryCheckInterval, [&stop] { return stop.stop_requested(); })) {
+      const std::uint64_t held = held_memory();
+      if (held <= limit) continue;
+      const std::string line =
+          fmt::format("starts again, as it holds {} MB of memory, more than its limit of {} MB (--memory-limit)",
+                      held >> 20, limit >> 20);
+      print_last_line(program_invocation_short_name, line.c_str());
+      close_range(STDERR_FILENO + 1, ~0U, 0);
+      execv(program.c_str(), words.data());
+      std::_Exit(1);
+    }
+  });
+}
+
+/// Returns the words with which a program goes on where it was: one that can, and has a folder, from what is in there.
+std::vector<std::string> words_to_go_on(const CLI::App& app, int argc, char** argv) {
+  std::vector<std::string> words(argv, argv + argc);
+  std::erase(words, "--overwrite");
+  const CLI::Option *resume = app.get_option_no_throw("--resume"), *output = app.get_option_no_throw("--output");
+  if (resume && resume->count() == 0 && output->count() > 0) words.emplace_back("--resume");
+  return words;
 }
 
 /// Throws Error when too few files may be open, because the DDS libraries then crash.
@@ -201,6 +259,18 @@ void add_metrics_option(CLI::App& app, Node::Options& options) {
       ->check(metrics_address_problem);
 }
 
+void add_memory_option(CLI::App& app) {
+  const OptionGroup group(app, "Service");
+  app.add_option("--memory-limit")
+      ->description("Start again when it holds more memory than this, as 4G; unless given, 3/4 of the machine's")
+      ->type_name("SIZE")
+      ->envname("CITYLEARN_MEMORY_LIMIT")
+      ->transform(CLI::AsSizeValue(false).description(""))
+      ->check([](const std::string& bytes) {
+        return std::stoull(bytes) < kMinMemoryLimit ? "less than 64M, as no service can live with" : std::string();
+      });
+}
+
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
                     std::map<std::string, double>& values) {
   for (const ParameterSpec& spec : specs) {
@@ -296,6 +366,10 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     } catch (const CLI::ParseError& error) {
       return complain(std::string(error.what()) + " (try --help)", 2);
     }
+    std::jthread guard;
+    if (const CLI::Option* limit = app.get_option_no_throw("--memory-limit"); limit && !Machine::simulated())
+      guard = restart_beyond(limit->count() > 0 ? limit->as<std::uint64_t>() : most_of_the_memory(),
+                             words_to_go_on(app, argc, argv));
     return body();
   } catch (const Error& error) {
     return complain(error.what(), 1);

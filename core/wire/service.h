@@ -38,6 +38,10 @@ void add_node_options(CLI::App& app, Node::Options& options);
 /// Adds --metrics (CITYLEARN_METRICS), for services that make a Node.
 void add_metrics_option(CLI::App& app, Node::Options& options);
 
+/// Adds --memory-limit (CITYLEARN_MEMORY_LIMIT). service_main starts a program that has it anew, in the same process,
+/// soon after it holds more memory than this, or else than three quarters of the machine's.
+void add_memory_option(CLI::App& app);
+
 /// Adds an option `--PREFIX-NAME` for each parameter of a plug-in. `values` gets the given ones, without the prefix.
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
                     std::map<std::string, double>& values);

@@ -5,7 +5,9 @@
 
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <regex>
+#include <set>
 
 #include "tests/paths.h"
 #include "tests/support/data/scans.h"
@@ -24,10 +26,11 @@ namespace fs = std::filesystem;
 class Demo {
  public:
   explicit Demo(const Arguments& arguments, std::uint32_t domain = own_domain(),
-                const Arguments& frames = {"--frames", "0:80"})
+                const Arguments& frames = {"--frames", "0:80"}, const Arguments& environment = {})
       : output_(folder_ / "demo/out put") {
     // A shell in the background ignores SIGINT, and its children inherit that.
     Arguments command = {"/usr/bin/env", "--default-signal=INT", "CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR};
+    command.insert(command.end(), environment.begin(), environment.end());
     command.insert(command.end(),
                    {"CITYLEARN_RUNS=" + (folder_ / "all runs"), "CITYLEARN_DOMAIN=" + std::to_string(domain),
                     "/usr/bin/setsid", CITYLEARN_SOURCE_DIR "/run", "demo", "--output", output_});
@@ -191,6 +194,42 @@ TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {
                                            "/logs/env-summer.log\n"));
   expect_none_left(witness);
 }
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // which hold memory of their own
+TEST(Demo, AServiceAtItsMemoryLimitComesBackAndNothingIsLost) {
+  const Arguments options = {"--evaluate", "summer,fall",        "--steps", "200000",   "--tasks", "8",
+                             "--lockstep", "--checkpoint-every", "20",      "--no-wait"};
+  const auto last_checkpoint = [](const Demo& demo) {
+    std::set<std::string> names;
+    for (const auto& entry : fs::directory_iterator(demo.output() + "/checkpoints")) names.insert(entry.path());
+    names.erase(demo.output() + "/checkpoints/best.clk");
+    return names.empty() ? "" : contents(*names.rbegin());
+  };
+  const std::uint32_t domain = own_domain();
+  Witness witness("cyclonedds", domain);
+  Demo disturbed(options, domain, {"--frames", "0:80"}, {"LD_PRELOAD=" MEMORY_LEAK, "CITYLEARN_MEMORY_LIMIT=300M"});
+  expect_training(disturbed, witness);
+  ASSERT_TRUE(witness.until([&] { return !last_checkpoint(disturbed).empty(); }, kLongWait)) << disturbed->output();
+  // A restarted env_service begins new episodes, so it is the one for evaluation.
+  std::map<std::string, std::uint64_t> before;
+  for (const std::string id : {"policy", "env-fall", "encoder", "dashboard"}) {
+    ASSERT_TRUE(witness.until([&] { return witness.status.contains(id); }, kLongWait)) << id << disturbed->output();
+    before[id] = witness.incarnation(id);
+    ASSERT_EQ(::kill(static_cast<pid_t>(witness.status[id].process()), SIGUSR2), 0) << id << disturbed->output();
+  }
+  for (const auto& [id, incarnation] : before)
+    EXPECT_TRUE(witness.until([&] { return witness.incarnation(id) != incarnation; }, kLongWait)) << id;
+  ASSERT_EQ(disturbed->wait(kLongWait), 0) << disturbed->output();
+  const std::regex limited("starts again, as it holds [0-9]+ MB of memory, more than its limit of 300 MB");
+  EXPECT_TRUE(std::regex_search(disturbed->output(), limited)) << disturbed->output();
+  EXPECT_TRUE(contains(disturbed->output(), "resuming after update")) << disturbed->output();
+  for (const std::string name : {"env-fall", "encoder", "dashboard"})
+    EXPECT_TRUE(std::regex_search(contents(disturbed.output() + "/logs/" + name + ".log"), limited)) << name;
+  Demo calm(options);
+  ASSERT_EQ(calm->wait(kLongWait), 0) << calm->output();
+  EXPECT_TRUE(last_checkpoint(disturbed) == last_checkpoint(calm));
+}
+#endif
 
 TEST(Demo, WrongOptionsEndItAtOnce) {
   for (const auto& [wrong, complaint] : {std::pair<Arguments, std::string>{{"--frames", "9:3"}, "is not FIRST:END"},

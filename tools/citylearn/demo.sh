@@ -176,7 +176,7 @@ after_demo() {
   $COMMAND demo --agent features                   trains another agent on the same route
   $COMMAND demo --data DIR --train A --evaluate B  does the same with your own recordings"
   [ "$1" = yes ] && [ -t 0 ] && [ -n "${running[dashboard]:-}" ] || return 0
-  say "The page stays open at $(sed 's/^dashboard: //' "$output/logs/dashboard.address") Press any key to end."
+  say "The page stays open at $(sed -n '$s/^dashboard: //p' "$output/logs/dashboard.address") Press any key to end."
   read -rsn 1 || true
 }
 

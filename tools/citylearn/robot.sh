@@ -114,7 +114,7 @@ robot() {
   running[policy_service]=$!
   succeed policy_service
   [ $wait = no ] || [ ! -t 0 ] || [ -z "${running[dashboard]:-}" ] || {
-    say "The page stays open at $(sed 's/^dashboard: //' "$output/logs/dashboard.address") Press any key to end."
+    say "The page stays open at $(sed -n '$s/^dashboard: //p' "$output/logs/dashboard.address") Press any key to end."
     read -rsn 1 || true
   }
 }

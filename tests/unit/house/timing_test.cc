@@ -31,6 +31,7 @@ struct Exception {
 const std::vector<Exception> kExceptions = {
     {"core/exchange/timing.h", "", "the table itself"},
     {"core/recording/replay_clock.cc", "kOrigin", "a point in time"},
+    {"core/wire/service.cc", "kMemoryCheckInterval", "memory of this process"},
     {"dashboard/http/", "", "HTTP"},
     {"dashboard/live/pictures.cc", "spare_rate", "follows from a rate"},
     {"dashboard/live/route_archive.h", "", "pictures on the disk"},

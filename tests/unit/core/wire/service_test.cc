@@ -179,6 +179,15 @@ TEST(ServiceLimits, EndWithOneLine) {
   EXPECT_TRUE(std::filesystem::is_empty(folder.path())) << "nothing is written in part";
 }
 
+TEST(ServiceLimits, AMemoryLimitInBytesIsTakenForASlip) {
+  const auto service = [] {
+    std::string name = "limited", option = "--memory-limit=300";
+    char* arguments[] = {name.data(), option.data(), nullptr};
+    std::exit(service_main(2, arguments, "A service.", add_memory_option, [] { return 0; }));
+  };
+  EXPECT_EXIT(service(), ::testing::ExitedWithCode(2), "^limited: --memory-limit: less than 64M");
+}
+
 /// Threads of libraries have nobody who catches what they throw.
 TEST(ServiceLimits, AThreadThatFailsEndsTheServiceWithOneLine) {
   const auto service_of = [](const std::function<void()>& thread, std::string format = "text") {
