@@ -121,7 +121,8 @@ class Surrounded : public ::testing::TestWithParam<std::string> {
         "is_default_profile=\"true\"><qos><partition><names><name>elsewhere</name></names>"
         "</partition></qos></publisher></profiles></dds>";
     write_file(folder_ / "fast.xml", profiles);
-    write_file(folder_ / "DEFAULT_FASTRTPS_PROFILES.xml", profiles);
+    for (const char* release : {"FASTRTPS", "FASTDDS"})  // as releases 2 and 3 of Fast DDS name it
+      write_file(folder_ / ("DEFAULT_" + std::string(release) + "_PROFILES.xml"), profiles);
     write_file(folder_ / "fast.json", "{\"ROS_DISCOVERY_SERVER\": \"127.0.0.1:11998\"}");
   }
   std::unique_ptr<Service> start(const std::string& id, const Arguments& variables) {
@@ -139,7 +140,8 @@ INSTANTIATE_TEST_SUITE_P(All, Surrounded, ::testing::Values("cyclonedds", "fastd
 TEST_P(Surrounded, ServicesMeetWhateverTheEnvironmentSays) {
   const std::vector<Arguments> settings = {
       {"ROS_DISCOVERY_SERVER=127.0.0.1:11999"},
-      {"FASTRTPS_DEFAULT_PROFILES_FILE=" + folder_ / "fast.xml", "SKIP_DEFAULT_XML_FILE=1"},
+      {"FASTRTPS_DEFAULT_PROFILES_FILE=" + folder_ / "fast.xml",
+       "FASTDDS_DEFAULT_PROFILES_FILE=" + folder_ / "fast.xml", "SKIP_DEFAULT_XML_FILE=1"},
       {"FASTDDS_ENVIRONMENT_FILE=" + folder_ / "fast.json", "SKIP_DEFAULT_XML_FILE=0",
        "FASTDDS_STATISTICS=HISTORY_LATENCY_TOPIC;NETWORK_LATENCY_TOPIC", "FASTDDS_BUILTIN_TRANSPORTS=SHM",
        "CYCLONEDDS_URI=" + folder_ / "cyclone.xml", "ROS_DOMAIN_ID=3", "ROS_LOCALHOST_ONLY=1",
