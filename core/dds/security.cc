@@ -284,6 +284,8 @@ std::optional<std::string> explain_security(const std::string& message) {
   static constexpr Meaning kMeanings[] = {
       {"octet sequence to ASN1",
        "a participant of the other DDS vendor cannot show us its identity (docs/how-to/secure-a-run.md)"},
+      {"PermissionsCA algorithm differs",
+       "refused a participant of another release of Fast DDS (docs/how-to/secure-a-run.md)"},
       {"while validating local", "our own keys are refused"},
       {"Error validating remote permissions", kUnsigned},
       {"Could not get remote participant", kUnsigned},

@@ -253,9 +253,16 @@ TEST_P(Secured, ARunningServiceSaysThatItsListOfRevokedIdentitiesHasChanged) {
   EXPECT_TRUE(env->says("crl.pem has changed since this service started: restart it", kLongWait)) << env->output();
 }
 
-/// A known limit of the two vendors together (docs/how-to/secure-a-run.md): the names settle which side asks first, and
-/// Fast DDS asks with a key that Cyclone DDS cannot read. Remove the limit from the page when this test fails.
-TEST(SecuredMixed, WorksWhereCycloneAsksFirstAndIsToldWhereFastDoes) {
+#if __has_include(<fastrtps/utils/IPLocator.h>)
+constexpr bool kFastAnswersCyclone = true;
+#else
+constexpr bool kFastAnswersCyclone = false;  // release 3
+#endif
+
+/// Known limits of the two vendors together (docs/how-to/secure-a-run.md): the names settle which side asks first. Fast
+/// DDS asks with a key that Cyclone DDS cannot read, and its release 3 does not answer Cyclone DDS either. Remove the
+/// limits from the page when this test fails.
+TEST(SecuredMixed, WorksWhereCycloneAsksRelease2OfFastAndIsToldElsewhere) {
   Keystore keys;
   const std::string env_keys = keys.add("env_service", "env-1"), friend_keys = keys.add("policy_service", "policy");
   for (const std::string vendor : {"cyclonedds", "fastdds"}) {
@@ -263,7 +270,7 @@ TEST(SecuredMixed, WorksWhereCycloneAsksFirstAndIsToldWhereFastDoes) {
     Log log;
     Victim victim(vendor, domain, env_keys);  // 'env-1' has the lower number, and asks
     Child other(peer(vendor == "fastdds" ? "cyclonedds" : "fastdds", domain, friend_keys, "policy"));
-    if (vendor == "cyclonedds") {
+    if (vendor == "cyclonedds" && kFastAnswersCyclone) {
       EXPECT_TRUE(victim.until([&] { return victim.heard("policy has heard"); }, log)) << log.text();
       EXPECT_EQ(other.finish(seconds(10)), 3);
     } else {

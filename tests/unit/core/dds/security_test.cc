@@ -217,6 +217,9 @@ TEST(Security, LinesOfTheVendorsAreExplained) {
   ASSERT_TRUE(line.has_value());
   EXPECT_EQ(line->find('\n'), std::string::npos);
   EXPECT_EQ(line->rfind("security: refused a participant", 0), 0u) << *line;
+  const auto release = internal::explain_security(
+      "Error validating remote permissions for a.b (Remote participant PermissionsCA algorithm differs from local)");
+  EXPECT_NE(release.value_or("").find("another release of Fast DDS"), std::string::npos);
 }
 
 // --- compose/permissions against what the services do
