@@ -10,6 +10,7 @@
 #include <fastrtps/utils/IPLocator.h>
 #else
 #define CITYLEARN_FASTDDS_RELEASE 3
+#include <fastdds/dds/core/ReturnCode.hpp>
 #include <fastdds/rtps/transport/ChainingTransport.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>
 #include <fastdds/utils/IPLocator.hpp>
