@@ -184,6 +184,7 @@ TEST(RanksSystem, WrongRanksAreOneClearLine) {
   };
   expect_one_clear_line(trial, cases, seconds(12));
   group[0].start(1000000);
+  ASSERT_TRUE(group[0].policy().says("waits for the others", kLongWait)) << "of two that differ the later one ends";
   group[1].start(1000000, {"--ppo-gamma", "0.5"});
   ASSERT_EQ(group[1].policy().wait(seconds(30)), 1) << group[1].policy().output();
   EXPECT_TRUE(contains(group[1].policy().output(), "rank 1: training.learner_parameters.gamma is 0.5, that of"))

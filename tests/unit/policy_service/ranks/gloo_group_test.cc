@@ -87,6 +87,7 @@ class Rank {
   std::atomic<int> death = kNowhere;
   std::atomic<std::uint64_t> updates = 0;
   std::atomic<int> members = 0;
+  std::atomic<bool> meets = false;  ///< others can hear it
   std::atomic<bool> over = false;
   std::string error;
 
@@ -94,6 +95,7 @@ class Rank {
   void run() {
     try {
       Mortal group(options_, death);
+      meets = true;
       SharedUpdates sharing(group);
       LearnerState state;
       state.counters = {{"steps", 0}, {"updates", 0}};
@@ -188,7 +190,7 @@ TEST_F(Ranks, RefuseWhatDoesNotFitByName) {
     rank.wait();
     EXPECT_TRUE(contains(rank.error, why)) << rank.error;
   };
-  ASSERT_TRUE(poll([&] { return !zero->over && !one->over; }, seconds(5)));
+  ASSERT_TRUE(poll([&] { return zero->meets && one->meets; }, seconds(20))) << "of two that differ the later one ends";
   RankOptions other = options(2, 3);
   other.identity = R"({"training": {"trainer": {"steps": 8192}}, "lockstep": false})";
   refused(other, "rank 2: training.trainer.steps is 8192, that of the others 4096");
