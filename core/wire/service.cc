@@ -87,7 +87,8 @@ std::uint64_t held_memory() {
 }
 
 std::uint64_t most_of_the_memory() {
-  return static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES)) / 4 * 3 * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+  return static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES)) / 4 * 3 *
+         static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
 }
 
 /// Starts the program anew, in this process, soon after it holds more than `limit` bytes. Nothing is saved or sent, as
