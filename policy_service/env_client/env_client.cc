@@ -289,19 +289,19 @@ void EnvClient::report_refusals() {
   next_refusals_ = Clock::now() + kRefusalInterval;
   for (const auto& [id, env] : envs_) {
     std::string trouble;
+    const bool told = env->alive() && env->settings.settings().version() != 0;
     if (env->alive() && !env->refusal.empty())
       trouble = "is not used: " + env->refusal;
     else if (env->alive() && env->lost())
       trouble = "works for " +
                 (other_policy(*env).empty() ? "another policy_service" : "'" + other_policy(*env) + "'") +
                 "; this one waits until that one ends";
-    else if (env->alive() && !env->in_force && env->settings.settings().version() != 0 &&
-             Clock::now() - env->unconfirmed > kAlarmDelay)
-      trouble = "does not confirm its settings";
-    else if (env->alive() && env->in_force && env->settings.task_mode() != msg::IDLE && !env->settings.by_reference() &&
-             !answers_requests(*env))
+    else if (told && env->settings.task_mode() != msg::IDLE && !answers_requests(*env) &&
+             (env->in_force ? !env->settings.by_reference() : Clock::now() - env->commanded > kAlarmDelay))
       trouble =
           "waits: encoder_service '" + env->info.encoder_service().to_string() + "', which encodes for it, is silent";
+    else if (told && !env->in_force && Clock::now() - env->unconfirmed > kAlarmDelay)
+      trouble = "does not confirm its settings";
     if (trouble.empty() ? alarms_.erase(id) > 0
                         : alarms_.contains(id) || (alarms_.size() < kMaxAlarms && alarms_.insert(id).second))
       node_.alarm("env_service '" + id + "'", trouble);
@@ -438,7 +438,7 @@ void EnvClient::send_due_settings() {
   const Clock::time_point now = Clock::now();
   for (const auto& [id, env] : envs_) {
     if (env->in_force || env->settings.settings().version() == 0 || now < env->next_settings) continue;
-    if (!env->alive() || env->lost() || (env->features && !env->features->complete())) env->unconfirmed = now;
+    if (!answers_requests(*env) || env->lost() || (env->features && !env->features->complete())) env->unconfirmed = now;
     if (env->features && !env->features->complete()) continue;
     if (now - env->unconfirmed > options_.patience) {
       refuse(*env, "does not confirm its settings");

@@ -309,6 +309,28 @@ TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
   EXPECT_EQ(env->refusal, "does not confirm its settings");
 }
 
+TEST_F(EnvClientTest, OneWhoseEncoderServiceIsSilentIsWaitedFor) {
+  Node deaf({middleware_options("inprocess"), "env_service", "deaf", run_});
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
+  info.frames() = 20;
+  info.feature_dimension() = 2;
+  info.encoder_service() = "killed";
+  info.encoder_incarnation() = 77;
+  EnvClientOptions options;
+  options.patience = milliseconds(300);
+  Player player(run_, options);
+  deaf.publish(info);
+  EnvHandle* env = player.env("deaf");
+  ASSERT_TRUE(env);
+  player.client.command(*env, route(0, 20));
+  const Clock::time_point end = Clock::now() + 4 * options.patience;
+  EXPECT_TRUE(player.until([&] {
+    deaf.publish(info);
+    return Clock::now() > end || !env->refusal.empty();
+  }));
+  EXPECT_EQ(env->refusal, "") << "nobody passes on that it confirms its settings";
+}
+
 TEST_F(EnvClientTest, WhatIsRequiredMayBeMetLater) {
   const Host host(small_traversal(20), 2, run_);
   Player player(run_);
