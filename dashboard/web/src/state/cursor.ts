@@ -86,7 +86,8 @@ export function startCursor(): void {
       heeded.value = arrivals.value;
       held = null;
       const here = recorded(run);
-      if (at !== null && !(here && pointText(x, here[x]) === pointText(x, at))) {
+      // One that plays through the point does not stand there.
+      if (at !== null && (playing.value || !here || pointText(x, here[x]) !== pointText(x, at))) {
         seek(run, x, at);
         return;
       }
