@@ -166,6 +166,17 @@ describe('the time cursor in a recording', () => {
     expect(complaints).toEqual([]);
   });
 
+  it('stops at the moment of a link, though it plays through there', async () => {
+    const { id, span } = await recorded();
+    const update = span.last.update - 1;
+    await steer({ moment: { run: id, update }, paused: true, speed: 0.01 });
+    const { runs } = await standing(id, (now) => now === update);
+    await steer({ paused: false });
+    const { page } = await stage.page(link('training', id, runs[id]?.steps ?? 0));
+    await standing(id, (now) => now === update);
+    await named(page, id);
+  });
+
   it('goes where a curve is clicked, ahead too, and the route shows that moment', async () => {
     const { id, span } = await recorded();
     await steer({ moment: { run: id, update: span.first.update + 1 }, paused: true });
