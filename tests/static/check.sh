@@ -39,7 +39,7 @@ tidy() {
   [ $# -gt 0 ] || { echo 'no source has changed'; return 0; }
   printf '%s\n' "$@"
   printf '%s\0' "$@" |
-    xargs -0 -P "$(nproc)" -n 1 clang-tidy-16 --quiet -p "$build" --extra-arg=-Wno-unknown-warning-option \
+    xargs -0 -P "$(nproc)" -n 1 clang-tidy-16 --quiet -p "$build" --extra-arg=-Wno-unknown-warning-option --extra-arg=-Wno-ignored-optimization-argument \
       --extra-arg=-DBOOST_ASIO_HAS_CO_AWAIT --extra-arg=-DBOOST_ASIO_HAS_STD_COROUTINE 2> >(grep -v 'warnings\? ' >&2)
 }
 
