@@ -11,7 +11,7 @@ void ObjectFetch::want(std::uint64_t item) {
   if (asked_ == 0) timer_.ask_now();
 }
 
-void ObjectFetch::remove(std::deque<std::uint64_t>::iterator place) {
+void ObjectFetch::remove(const std::deque<std::uint64_t>::iterator& place) {
   parts_.erase(*place);
   if (place < wanted_.begin() + static_cast<std::ptrdiff_t>(asked_) && --asked_ == 0) timer_.ask_now();
   wanted_.erase(place);

@@ -63,7 +63,7 @@ class ObjectFetch {
     std::uint64_t checksum;
     Blob blob;
   };
-  void remove(std::deque<std::uint64_t>::iterator place);
+  void remove(const std::deque<std::uint64_t>::iterator& place);
 
   FetchOptions options_;
   RequestTimer timer_;
