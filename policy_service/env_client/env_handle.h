@@ -33,7 +33,7 @@ struct EnvHandle {
   Clock::time_point unconfirmed{};  ///< since when it could have confirmed them
   Clock::time_point heard_other{};  ///< since when it obeys another policy_service; the clock's epoch: it does not
   std::uint64_t acknowledged = 0;   ///< the last episode acknowledged; all before it are too
-  bool episodes_missing = false;    ///< later ones came than one that did not; whoever acknowledges them says so
+  bool episodes_missing = false;    ///< one did not arrive, though a later one did
   bool busy = false;                ///< the env_service reports that it receives actions
   std::string refusal;              ///< why it is not used, as EnvClient::refuse(); else empty
   bool until_restart = false;       ///< it stays refused whatever it announces

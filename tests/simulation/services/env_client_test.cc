@@ -290,42 +290,51 @@ TEST_F(EnvClientTest, AnErrorAboutOneEnvServiceConcernsItAlone) {
   ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > before + 20; }));
 }
 
-TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
-  Node deaf({middleware_options("inprocess"), "env_service", "deaf", run_});
+/// Announces an env_service that confirms no settings.
+class Deaf {
+ public:
+  explicit Deaf(const std::string& run) : node_({middleware_options("inprocess"), "env_service", "deaf", run}) {
+    info.frames() = 20;
+    info.feature_dimension() = 2;
+  }
+  void announce() { node_.publish(info); }
+
   msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
-  info.frames() = 20;
-  info.feature_dimension() = 2;
+
+ private:
+  Node node_;
+};
+
+TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
+  Deaf deaf(run_);
   EnvClientOptions options;
   options.patience = milliseconds(300);
   Player player(run_, options);
-  deaf.publish(info);
+  deaf.announce();
   EnvHandle* env = player.env("deaf");
   ASSERT_TRUE(env);
   player.client.command(*env, route(0, 20));
   EXPECT_TRUE(player.until([&] {
-    deaf.publish(info);
+    deaf.announce();
     return !env->refusal.empty();
   }));
   EXPECT_EQ(env->refusal, "does not confirm its settings");
 }
 
 TEST_F(EnvClientTest, OneWhoseEncoderServiceIsSilentIsWaitedFor) {
-  Node deaf({middleware_options("inprocess"), "env_service", "deaf", run_});
-  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
-  info.frames() = 20;
-  info.feature_dimension() = 2;
-  info.encoder_service() = "killed";
-  info.encoder_incarnation() = 77;
+  Deaf deaf(run_);
+  deaf.info.encoder_service() = "killed";
+  deaf.info.encoder_incarnation() = 77;
   EnvClientOptions options;
   options.patience = milliseconds(300);
   Player player(run_, options);
-  deaf.publish(info);
+  deaf.announce();
   EnvHandle* env = player.env("deaf");
   ASSERT_TRUE(env);
   player.client.command(*env, route(0, 20));
   const Clock::time_point end = Clock::now() + 4 * options.patience;
   EXPECT_TRUE(player.until([&] {
-    deaf.publish(info);
+    deaf.announce();
     return Clock::now() > end || !env->refusal.empty();
   }));
   EXPECT_EQ(env->refusal, "") << "nobody passes on that it confirms its settings";

@@ -154,7 +154,7 @@ TEST(EpisodeOutbox, KeepsForEachRecorderWhatItLacks) {
   msg::EpisodeStat stat;
   fixture.outbox.fill(5, stat);
   EXPECT_EQ(stat.log().number(), 5u);
-  EXPECT_EQ(stat.log().first() - 1, 4u) << "whoever comes new need not wait for those before";
+  EXPECT_EQ(stat.log().first() - 1, 4u) << "a new recorder does not wait for those before";
   fixture.now += milliseconds(200);
   EXPECT_EQ(fixture.sent(), again(5, 10)) << "for the dashboard";
   EXPECT_EQ(fixture.acknowledge("dashboard", 10), Acknowledged::kYes);
