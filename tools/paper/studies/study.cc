@@ -298,25 +298,25 @@ Json Run::control() {
 
 /// Returns what a progress line calls the study.
 std::string name_of(const Study& study) {
-  using fmt::format;
   const Imperfections& world = study.imperfections;
   if (study.kind == Study::Kind::kUnchanged)
-    return format("{} as it is on {}, places {} to {}, seed {}", study.policy, study.representation, study.first,
-                  study.first + study.frames - 1, study.seed);
+    return fmt::format("{} as it is on {}, places {} to {}, seed {}", study.policy, study.representation, study.first,
+                       study.first + study.frames - 1, study.seed);
   const bool trains = study.kind == Study::Kind::kTraining;
   std::string name = trains ? "training " + study.policy : study.policy;
-  name += study.map ? format(" on a map of {} places, {} junctions", study.frames, study.junctions ? "with" : "without")
-                    : format(" on {}, {} places", study.representation, study.frames);
+  name += study.map
+              ? fmt::format(" on a map of {} places, {} junctions", study.frames, study.junctions ? "with" : "without")
+              : fmt::format(" on {}, {} places", study.representation, study.frames);
   if (trains) {
-    name += format(", seed {}", study.seed);
-    if (study.first > 0 && !study.map) name += format(", from place {} on", study.first);
-    if (!study.experiences.empty()) name += format(", on {} too", fmt::join(study.experiences, ", "));
+    name += fmt::format(", seed {}", study.seed);
+    if (study.first > 0 && !study.map) name += fmt::format(", from place {} on", study.first);
+    if (!study.experiences.empty()) name += fmt::format(", on {} too", fmt::join(study.experiences, ", "));
     if (study.initial) name += ", carried over";
-    if (!study.frozen.empty()) name += format(", {} frozen", fmt::join(study.frozen, ", "));
+    if (!study.frozen.empty()) name += fmt::format(", {} frozen", fmt::join(study.frozen, ", "));
   }
   if (world != Imperfections())
-    name +=
-        format(", slip {:g}, dropped frames {:g}, kidnappings {}", world.slip, world.dropped_frames, world.kidnappings);
+    name += fmt::format(", slip {:g}, dropped frames {:g}, kidnappings {}", world.slip, world.dropped_frames,
+                        world.kidnappings);
   return trains || study.parameters.empty() ? name : name + ", told";
 }
 
