@@ -97,7 +97,8 @@ class OnnxPolicy : public Policy {
 
 }  // namespace
 
-ExportedPolicy::ExportedPolicy(const std::string& path) : model(read_model_file(path, kMaxModelBytes)) {
+ExportedPolicy::ExportedPolicy(const std::string& path)
+    : model(with_batch(read_model_file(path, kMaxModelBytes), kColumns, path)) {
   const OnnxFile file = read_onnx(model, path);
   const auto number = [&](const std::string& key) {
     const auto found = file.metadata.find(key);

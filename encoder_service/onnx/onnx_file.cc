@@ -143,6 +143,16 @@ OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where) {
   return file;
 }
 
+std::vector<std::byte> with_batch(std::span<const std::byte> bytes, int batch, const std::string& where) {
+  onnx::ModelProto model = parse(bytes, where);
+  for (onnx::ValueInfoProto& input : *model.mutable_graph()->mutable_input())
+    if (auto& shape = *input.mutable_type()->mutable_tensor_type()->mutable_shape(); shape.dim_size() > 0)
+      shape.mutable_dim(0)->set_dim_value(batch);
+  std::vector<std::byte> closed(model.ByteSizeLong());
+  model.SerializeToArray(closed.data(), static_cast<int>(closed.size()));
+  return closed;
+}
+
 OnnxModel load_onnx(const std::string& path) {
   OnnxModel loaded{read_model_file(path, kMaxModelBytes), ""};
   onnx::ModelProto model = parse(loaded.bytes, path);

@@ -33,6 +33,10 @@ struct OnnxFile {
 /// or damaged, has a graph without nodes, or keeps weights in other files.
 OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where);
 
+/// Returns the model with inputs of `batch` rows each. OpenCV 4.10 refuses to read agents whose batch is open. Throws
+/// Error naming `where` when it is no model.
+std::vector<std::byte> with_batch(std::span<const std::byte> bytes, int batch, const std::string& where);
+
 /// A model with all its weights inside.
 struct OnnxModel {
   std::vector<std::byte> bytes;  ///< the file's own when it keeps no weights elsewhere
