@@ -77,6 +77,7 @@ class Actor {
   std::unique_ptr<LearnerSession> session_;
   std::map<std::string, std::uint64_t> assigned_;      // incarnations of env_services, by id
   std::map<std::string, Clock::time_point> released_;  // told to be idle, not let go yet: since when
+  std::map<std::string, MessageOrder> orders_;         // of the learner's assignments, by id of the env_service
   std::map<EnvHandle*, Served, ById> served_;
   std::uint64_t steps_ = 0;
   int slots_ = 0;
@@ -153,6 +154,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
     if (acknowledged_.size() >= kMaxLearners) acknowledged_.clear();
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
   }
+  orders_.clear();
   session_ = std::make_unique<LearnerSession>(node_, info, workers_);
   session_->outbox.begin(info.header(), acknowledged_[info.header().incarnation()]);
   client_.require(session_->requirements());
@@ -178,6 +180,11 @@ void Actor::on_assignment(const msg::Assignment& assignment) {
     return;
   const std::string id = assignment.environment().c_str();
   next_status_ = Clock::now();
+  if (orders_.size() >= msg::MAX_SERVED && !orders_.contains(id)) orders_.clear();  // they matter for seconds only
+  if (!orders_[id].in_order(assignment.header(), next_status_)) {  // a newer one has come
+    ++node_.traffic.repeated;
+    return;
+  }
   if (assignment.serve()) {
     if (!assigned_.contains(id)) spdlog::info("learner '{}' assigns env_service '{}'", session_->learner(), id);
     assigned_[id] = assignment.environment_incarnation();
@@ -222,8 +229,8 @@ void Actor::let_go_of_released() {
   const Clock::time_point now = Clock::now();
   std::erase_if(released_, [&](const auto& entry) {
     const auto found = client_.envs().find(entry.first);
-    if (found != client_.envs().end() && found->second->alive() && !found->second->lost() && !found->second->in_force &&
-        now - entry.second < kReleaseGiveUp)
+    if (found != client_.envs().end() && found->second->alive() && !found->second->lost() &&
+        !found->second->in_force() && now - entry.second < kReleaseGiveUp)
       return false;
     client_.detach(entry.first);
     return true;
