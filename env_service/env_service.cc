@@ -6,12 +6,10 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <map>
 #include <string>
 #include <utility>
 
-#include "core/exchange/incumbent.h"
-#include "core/exchange/message_order.h"
+#include "core/exchange/command.h"
 #include "core/exchange/timing.h"
 #include "core/util/name.h"
 #include "core/util/text.h"
@@ -29,7 +27,6 @@ using std::chrono::milliseconds;
 
 constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr char kNotInCharge[] = "an action of a service that is not in charge";
-constexpr std::size_t kMaxPolicies = 256;  // whose newest settings are remembered
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
   options.service = "env_service";
@@ -59,6 +56,7 @@ class EnvService {
  private:
   void take_messages();
   void on_settings(const msg::TaskSettings& settings);
+  bool accepts(const msg::TaskSettings& settings);
   void watch_policy(const std::string& id);
   void refuse(const msg::Header& header, const std::string& kind);
   bool start_task(const msg::TaskSettings& settings);
@@ -80,10 +78,9 @@ class EnvService {
     while ((node_.take(messages) || ...)) continue;
   }
 
-  bool running() const { return awaiting_action_; }
+  /// Returns whether an Action is awaited.
+  bool running() const { return observation_sender_.unconfirmed(); }
   bool robot_moves() const { return live_ && live_->busy(); }
-  /// Returns whether a policy_service has given it work and not released it since.
-  bool in_charge() const { return info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE; }
 
   const Traversal& traversal_;
   Node node_;
@@ -93,16 +90,13 @@ class EnvService {
   SceneSender scenes_;
   std::unique_ptr<LiveSteps> live_;  // of a robot; null: agents are simulated
 
-  msg::TraversalInfo info_;     // its `settings` are those in force
-  msg::SettingsId newest_;      // of settings_
-  msg::TaskSettings settings_;  // taken last, in force when info_.settings().version() != 0, else refused
-  Incumbent holder_;            // the policy_service that sent them
-  std::uint64_t replaced_ = 0;  // incarnation of the one that had work before and lost it without giving it up
-  std::string watched_;         // its id; empty: there was none yet
-  std::map<std::uint64_t, std::uint32_t> versions_;  // newest version obeyed of each policy_service's, by incarnation
-  msg::Observation observation_;                     // the last one sent
-  std::string refusal_;                              // why the newest settings are not in force
-  bool awaiting_action_ = false;
+  msg::TraversalInfo info_;       // its `settings` are those in force
+  msg::TaskSettings settings_;    // taken last, in force when info_.settings().version() != 0, else refused
+  std::string refusal_;           // why they are not in force
+  CommandTarget policies_;        // that command this env_service
+  std::string policy_id_;         // of the one that sent settings_
+  msg::Observation observation_;  // the last one sent
+  CommandSender observation_sender_;
   bool policy_silent_ = false;
   enum class Silence { kNone, kLogged, kOver } silence_ = Silence::kNone;  // of it, as logged under these settings
   bool masked_action_logged_ = false;
@@ -112,9 +106,8 @@ class EnvService {
   const std::chrono::duration<double> linger_;
 
   Clock::time_point now_;
-  Clock::time_point next_info_, next_observation_, next_report_, last_report_;
-  Presence policy_;  // heard by its Actions
-  Clock::duration observation_interval_{};
+  Clock::time_point next_info_, next_report_, last_report_;
+  Presence acting_;          // of the policy_service: when it answered last, or had nothing to answer
   std::uint64_t steps_ = 0;  // of agents since last_report_
   std::uint64_t tasks_done_ = 0;
 
@@ -177,65 +170,65 @@ void EnvService::take_messages() {
   while (node_.take(status_)) on_status(status_);
 }
 
-void EnvService::on_settings(const msg::TaskSettings& settings) {
-  if (settings.environment() != node_.options().id) return;
+/// Returns whether settings are new and their sender is in charge. Answers those that are not.
+bool EnvService::accepts(const msg::TaskSettings& settings) {
   const msg::SettingsId& id = settings.settings();
   if (id.version() == 0 || id.incarnation() != settings.header().incarnation()) {
     rejections_.add(settings.header(), "settings without a version, or in the name of another process");
-    return;
+    return false;
   }
-  const auto known = versions_.find(id.incarnation());
-  const std::uint32_t version = known == versions_.end() ? 0 : known->second;
-  if (id.version() <= version || (!refusal_.empty() && same_but_header(settings, settings_))) {
-    ++node_.traffic.repeated;
-    // Their sender has not seen yet that they are in force. Observations show it too, but not while idle.
-    if (id == info_.settings()) send_info();
-    if (in_charge() && id.incarnation() == replaced_)
-      refuse(settings.header(), "settings of a service that was replaced");
-    return;
-  }
-  if (id.version() - version > kMaxVersionsAhead) {
-    rejections_.add(settings.header(), "settings with a version far ahead of the last ones");
-    return;
-  }
-  // Not the same one's: it would be left for good, and the next to ask would take over from it at once.
-  if (!in_charge() && id.incarnation() != holder_.incarnation()) holder_.leave();
-  const std::uint64_t before = in_charge() ? holder_.incarnation() : 0;
-  const Clock::time_point last_heard = holder_.last_heard();
-  const Incumbent::Heard heard = holder_.hear(id.incarnation(), now_);
-  if (heard == Incumbent::Heard::kOther)
-    return refuse(settings.header(), "settings while another policy_service is in charge");
   const std::string sender = settings.header().sender().c_str();
-  if (heard == Incumbent::Heard::kSuccessor) {
-    replaced_ = before;
-    if (before != 0)
-      spdlog::warn("policy_service '{}' takes over from {}, which was last heard {:.1f} s ago", sender,
-                   sender == watched_ ? "its earlier process" : "'" + watched_ + "'",
-                   std::chrono::duration<double>(now_ - last_heard).count());
+  const bool takes_over = policies_.in_charge() && !policies_.in_charge(id.incarnation());
+  const double silence = std::chrono::duration<double>(now_ - policies_.last_heard()).count();
+  const bool refused = !refusal_.empty() && same_but_header(settings, settings_);
+  using Verdict = CommandTarget::Verdict;
+  switch (refused ? Verdict::kOld : policies_.take(id.incarnation(), id.version(), now_)) {
+    case Verdict::kNew:
+      break;
+    case Verdict::kOld:
+      ++node_.traffic.repeated;
+      // Their sender has not seen yet that they are in force. Observations show it too, but not while idle.
+      if (id == info_.settings()) send_info();
+      if (policies_.replaced(id.incarnation())) refuse(settings.header(), "settings of a service that was replaced");
+      return false;
+    case Verdict::kTooFarAhead:
+      rejections_.add(settings.header(), "settings with a version far ahead of the last ones");
+      return false;
+    case Verdict::kNotInCharge:
+      refuse(settings.header(), "settings while another policy_service is in charge");
+      return false;
   }
+  if (takes_over)
+    spdlog::warn("policy_service '{}' takes over from {}, which was last heard {:.1f} s ago", sender,
+                 sender == policy_id_ ? "its earlier process" : "'" + policy_id_ + "'", silence);
   watch_policy(sender);
+  return true;
+}
+
+void EnvService::on_settings(const msg::TaskSettings& settings) {
+  if (settings.environment() != node_.options().id || !accepts(settings)) return;
   outbox_.force_successor(settings.header(), now_);  // that its predecessor stops may be lost
-  newest_ = id;
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;
   settings_ = settings;
-  awaiting_action_ = policy_silent_ = masked_action_logged_ = false;
+  observation_sender_.confirm();
+  policy_silent_ = masked_action_logged_ = false;
   silence_ = Silence::kNone;
   tasks_done_ = 0;
   refusal_.clear();
   const bool idle = settings.task_mode() == msg::IDLE;
-  if (idle) spdlog::info("settings {} of '{}': idle", newest_.version(), sender);
+  const msg::SettingsId& id = settings.settings();
+  if (idle) spdlog::info("settings {} of '{}': idle", id.version(), policy_id_);
   if (idle || start_task(settings)) {
-    if (versions_.size() >= kMaxPolicies) versions_.clear();
-    versions_[id.incarnation()] = id.version();
-    info_.settings() = newest_;
+    policies_.obey(id.version(), !idle);
+    info_.settings() = id;
     info_.by_reference() = settings.by_reference();
     outbox_.set_context(settings, traversal_.name);
   }
   send_info();
   if (live_ && (idle || !refusal_.empty())) live_->stop();
   if (!idle && refusal_.empty()) {
-    policy_.heard(now_);
+    acting_.heard(now_);
     live_ ? live_->reset(settings_) : send_observation();
   }
   report();
@@ -243,16 +236,16 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
 
 /// Notes a message of a policy_service that is not in charge, and tells it, at most once a second, which one is.
 void EnvService::refuse(const msg::Header& header, const std::string& kind) {
-  rejections_.add(header, kind, "'" + watched_ + "' is in charge");
+  rejections_.add(header, kind, "'" + policy_id_ + "' is in charge");
   if (now_ >= next_info_) send_info();
 }
 
 /// Reads the heartbeats of the policy_service in charge, which show that it lives while it sends no actions.
 void EnvService::watch_policy(const std::string& id) {
-  if (id == watched_) return;
-  if (!watched_.empty()) node_.release_topics(watched_);
-  watched_ = id;
-  node_.create_reader_at<msg::ServiceStatus>(watched_);
+  if (id == policy_id_) return;
+  if (!policy_id_.empty()) node_.release_topics(policy_id_);
+  policy_id_ = id;
+  node_.create_reader_at<msg::ServiceStatus>(policy_id_);
 }
 
 /// Resets the environment. Returns false when it refuses the settings; refusal_ then says why.
@@ -262,23 +255,23 @@ bool EnvService::start_task(const msg::TaskSettings& settings) {
   } catch (const Error& error) {
     refusal_ = error.what();
     ++node_.traffic.rejected;
-    spdlog::error("settings {} of '{}' refused: {}", newest_.version(), watched_, refusal_);
+    spdlog::error("settings {} of '{}' refused: {}", settings_.settings().version(), policy_id_, refusal_);
     return false;
   }
   std::string what = "training";
   if (settings.task_mode() == msg::EVALUATE)
     what = fmt::format("evaluation tasks {}..{}", settings.first_task(), settings.first_task() + settings.tasks() - 1);
-  spdlog::info("settings {} of '{}': {}, {}, at most {} steps, seed {}{}", newest_.version(), watched_, what,
-               route(settings), settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
+  spdlog::info("settings {} of '{}': {}, {}, at most {} steps, seed {}{}", settings_.settings().version(), policy_id_,
+               what, route(settings), settings.max_steps(), settings.seed(),
+               settings.shuffle() ? ", frames shuffled" : "");
   return true;
 }
 
 void EnvService::on_action(const msg::Action& action) {
   if (action.environment() != node_.options().id) return;
-  if (!awaiting_action_ || action.environment_incarnation() != node_.incarnation() ||
-      action.step() != observation_.step() || action.settings() != observation_.settings()) {
-    if (in_charge() && replaced_ != 0 && action.header().incarnation() == replaced_)
-      return refuse(action.header(), kNotInCharge);
+  if (!running() || action.environment_incarnation() != node_.incarnation() || action.step() != observation_.step() ||
+      action.settings() != observation_.settings()) {
+    if (policies_.replaced(action.header().incarnation())) return refuse(action.header(), kNotInCharge);
     ++node_.traffic.repeated;
     return;
   }
@@ -294,10 +287,10 @@ void EnvService::on_action(const msg::Action& action) {
                    action.header().sender().c_str(), error.what());
     return;
   }
-  policy_.heard(now_);
-  holder_.hear(action.header().incarnation(), now_);
+  acting_.heard(now_);
+  policies_.hear(action.header().incarnation(), now_);
   steps_ += action.choice().size();
-  awaiting_action_ = false;
+  observation_sender_.confirm();
   if (!live_) finish_step();
 }
 
@@ -308,10 +301,10 @@ void EnvService::finish_step() {
   if (std::exchange(policy_silent_, false)) report();
   if (silence_ == Silence::kLogged) {
     silence_ = Silence::kOver;
-    spdlog::info("policy_service '{}' answers again (this is logged once under these settings)", watched_);
+    spdlog::info("policy_service '{}' answers again (this is logged once under these settings)", policy_id_);
   }
-  if (!awaiting_action_) {
-    spdlog::info("evaluation of settings {} done", newest_.version());
+  if (!running()) {
+    spdlog::info("evaluation of settings {} done", settings_.settings().version());
     report();
   }
 }
@@ -329,9 +322,8 @@ void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowled
 
 void EnvService::on_status(const msg::ServiceStatus& status) {
   node_.check_twin(status);
-  if (!in_charge() || status.header().incarnation() != holder_.incarnation()) return;
-  holder_.hear(status.header().incarnation(), now_);
-  if (status.service_state() == msg::STOPPING || status.service_state() == msg::FAILED) holder_.leave();
+  const bool leaves = status.service_state() == msg::STOPPING || status.service_state() == msg::FAILED;
+  policies_.hear(status.header().incarnation(), now_, leaves);
 }
 
 void EnvService::send_info() {
@@ -341,11 +333,11 @@ void EnvService::send_info() {
 
 void EnvService::send_observation() {
   environment_.observe(observation_);
+  observation_sender_.begin(now_);
+  observation_sender_.take_due(now_);
   node_.publish(observation_);
   // After the last task the observation shows that all agents are idle and needs no answer.
-  awaiting_action_ = !environment_.done();
-  observation_interval_ = kObservationResend;
-  next_observation_ = now_ + observation_interval_;
+  if (environment_.done()) observation_sender_.confirm();
 }
 
 void EnvService::record_episodes() {
@@ -375,39 +367,35 @@ void EnvService::send_episodes() {
 
 void EnvService::do_due_work() {
   if (live_ && live_->advance(now_)) {
-    policy_.heard(now_);  // it had nothing to answer meanwhile
+    acting_.heard(now_);
     finish_step();
   }
-  if (running() && now_ >= next_observation_) {
+  if (observation_sender_.take_due(now_)) {
     node_.publish(observation_);
     ++node_.traffic.resent;
-    observation_interval_ = std::min<Clock::duration>(2 * observation_interval_, kObservationResendMax);
-    next_observation_ = now_ + observation_interval_;
   }
-  if (running() && !policy_silent_ && !policy_.here(now_)) {
+  if (running() && !policy_silent_ && !acting_.here(now_)) {
     policy_silent_ = true;
     if (live_) live_->release();
     report();
   }
   // One whose heartbeats come thinks.
-  if (policy_silent_ && silence_ == Silence::kNone && !holder_.here(now_)) {
+  if (policy_silent_ && silence_ == Silence::kNone && policies_.silent(now_)) {
     silence_ = Silence::kLogged;
-    spdlog::warn("nothing of policy_service '{}' for {} s: waiting for it", watched_, kSilence.count());
+    spdlog::warn("nothing of policy_service '{}' for {} s: waiting for it", policy_id_, kSilence.count());
   }
   // A policy_service at work knows the info; while none is, another one may come.
   if ((!running() || policy_silent_) && now_ >= next_info_) send_info();
   send_episodes();
-  scenes_.send(now_, info_, in_charge() ? &settings_ : nullptr);
+  scenes_.send(now_, info_, policies_.in_charge() ? &settings_ : nullptr);
   if (now_ >= next_report_) report();
 }
 
 Clock::time_point EnvService::next_due() const {
-  Clock::time_point due = next_report_;
-  if (running()) due = std::min(due, next_observation_);
-  if (running() && !policy_silent_) due = std::min(due, policy_.gone_at());
+  Clock::time_point due = std::min({next_report_, observation_sender_.due(), outbox_.due()});
+  if (running() && !policy_silent_) due = std::min(due, acting_.gone_at());
   if (!running() || policy_silent_) due = std::min(due, next_info_);
-  if (live_) due = std::min(due, live_->due());
-  return std::min(due, outbox_.due());
+  return live_ ? std::min(due, live_->due()) : due;
 }
 
 void EnvService::report() {
@@ -446,7 +434,7 @@ void EnvService::report() {
 void EnvService::leave() {
   const Clock::time_point begin = Clock::now();
   node_.report(msg::STOPPING, "stopping");
-  awaiting_action_ = false;
+  observation_sender_.confirm();
   if (live_) live_->stop();
   const auto worth_waiting = [&] {
     if (outbox_.kept() == 0 || node_.readers<msg::EpisodeStat>() == 0) return false;

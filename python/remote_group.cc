@@ -110,7 +110,7 @@ class RemoteGroup : public EnvGroup {
         if (!other.empty()) found += ", which works for '" + other + "'";
         if (env->traversal() == options_.traversal && env->usable() && other.empty()) envs_.push_back(env.get());
       }
-      for (const auto& [id, traversal] : client_.encoders().unencoded())
+      for (const auto& [id, traversal] : client_.services().unencoded())
         found += (found.empty() ? "" : ", ") + id + " on " + traversal + ", whose images wait for an encoder_service";
       if (envs_.size() >= static_cast<std::size_t>(options_.services)) break;
       if (seconds_since(since) > options_.wait)
@@ -132,7 +132,7 @@ class RemoteGroup : public EnvGroup {
     const std::string where = "env_service '" + env.id + "'";
     if (!env.refusal.empty()) throw ServiceLost("is not used: " + env.refusal, where);
     if (env.lost()) throw ServiceLost("works for another policy_service", where);
-    if (env.settings.settings().version() == 0) throw ServiceLost("was restarted", where, "call reset()");
+    if (!env.commands()) throw ServiceLost("was restarted", where, "call reset()");
   }
 
   void answer_wire(const std::stop_token& stop) {
@@ -153,7 +153,7 @@ class RemoteGroup : public EnvGroup {
     for (EnvHandle* env : envs_) client_.command(*env, idle);
     const Clock::time_point until = Clock::now() + kPythonRelease;
     for (const EnvHandle* env : envs_)
-      while (!env->in_force && env->alive() && Clock::now() < until) client_.spin(until);
+      while (!env->in_force() && env->alive() && Clock::now() < until) client_.spin(until);
     client_.end_recording();
   }
 

@@ -8,9 +8,6 @@
 
 namespace citylearn {
 
-/// TaskSettings whose version is farther ahead of the last ones are forged: no policy_service gives so many unheard.
-inline constexpr std::uint32_t kMaxVersionsAhead = 1u << 20;
-
 /// Tells which messages of one type from one process were overtaken on the way, by their numbers. A number counts for
 /// kSilence after it came: no message is under way for so long, and a forged number must not silence its namesake.
 class MessageOrder {

@@ -19,8 +19,7 @@ inline constexpr auto kWriterLifetime = 10s;    ///< without a message after whi
 inline constexpr auto kFlushTimeout = 500ms;    ///< at the end, for readers to take the last messages
 
 // Commands.
-inline constexpr auto kObservationResend = 50ms, kObservationResendMax = 1000ms;  ///< it doubles each time
-inline constexpr auto kSettingsResend = 100ms, kAssignmentResend = 500ms;
+inline constexpr auto kCommandResend = 50ms, kCommandResendMax = 1000ms;  ///< it doubles each time
 inline constexpr auto kAlarmDelay = 5s;      ///< for settings to be confirmed before an alarm says they are not
 inline constexpr auto kCommandGiveUp = 30s;  ///< for settings and assignments to be confirmed, or refused
 inline constexpr auto kObeysOther = 1s;  ///< since settings went out, in which an env_service may still obey another
@@ -90,8 +89,8 @@ inline constexpr auto kStopCheckInterval =
 static_assert(2 * kHeartbeat < kSilence && kHeartbeat < kHandover && kHandover < kSilence);
 static_assert(kWriterLifetime > kSilence && kTwinGrace > kSilence && kRunSilence > kSilence);
 static_assert(kMaxUnserved > kSilence + kHandover && kLinger > kSilence + kHandover);
-static_assert(kObservationResend < kObeysOther && kSettingsResend < kObeysOther && kObservationResendMax < kSilence);
-static_assert(kAssignmentResend < kSilence && kAlarmDelay < kCommandGiveUp && kFeaturesTimeout > kSilence);
+static_assert(kCommandResend < kObeysOther && kCommandResendMax < kSilence);
+static_assert(kAlarmDelay < kCommandGiveUp && kFeaturesTimeout > kSilence);
 static_assert(kCommitGather < kLogResend && kLogResendMax < kSilence);
 static_assert(2 * kAcknowledge < kSilence && kAcknowledge < kReplayQuiet);
 static_assert(kObjectCrossing < kObjectRetry && kObjectRetry <= kDashboardRetry,
@@ -101,7 +100,6 @@ static_assert(kPresentInterval < kEncoderJoin && kEncoderJoin < kEncoderSettle);
 static_assert(2 * kRankHeartbeat < kRankSilence && kRankRepeat < kRankHeartbeat && kRankPaused < kRankSilence);
 static_assert(5 * kGlooConnect <= kRankSilence && kGlooReceive <= kRankSilence);
 static_assert(kRankSilence + kRankSettle + 4 * kRankRepeat < 3s, "ranks go on within 3 s without one that is lost");
-static_assert(kStopCheckInterval <= kSettingsResend && kStopCheckInterval <= kObservationResend,
-              "loops drive what is resent");
+static_assert(kStopCheckInterval <= kCommandResend, "loops drive what is resent");
 
 }  // namespace citylearn

@@ -14,27 +14,30 @@
 
 namespace citylearn {
 
-/// Keeps recorded maps and pictures, and answers requests for them in place of the recorded env_services: sends them to
-/// the services that ask now. Used by one thread.
+/// Keeps recorded objects of one kind, maps or pictures, and answers requests for them in place of the recorded
+/// env_services. It says nothing of an object that it lacks, as that may come later in the recording. Used by one
+/// thread.
 class ChunkStore {
  public:
-  static constexpr std::size_t kMaxPictureBytes = 256u << 20;  ///< beyond them the oldest pictures are forgotten
+  static constexpr std::size_t kMaxBytes = 256u << 20;  ///< beyond them the oldest chunks are forgotten
 
-  /// Keeps a RouteMapChunk or an ImageChunk. Returns false for other topics, and for bytes that cannot be decoded.
+  /// `topic`, on which the chunks were sent, must outlive it.
+  explicit ChunkStore(const Topic& topic) : topic_(topic) {}
+
+  /// Keeps a chunk. Returns false for other topics, and for bytes that cannot be decoded.
   bool keep(const Topic& topic, std::span<const std::byte> bytes);
 
-  /// Called with the recorded sender and the bytes that answer, on this topic.
-  using Send = std::function<void(const Topic& topic, const msg::Header& sender, const Bytes& bytes)>;
-  /// Answers a request, which was `asked` on the topic of requests for maps or on that for pictures.
-  void answer(const Topic& asked, const msg::ObjectRequest& request, const Send& send);
+  /// Called for each chunk that answers a request, with the recorded sender and the service that asks now.
+  using Send = std::function<void(const Topic& topic, const msg::ObjectChunk& chunk, const Bytes& bytes)>;
+  void answer(const msg::ObjectRequest& request, const Send& send) const;
 
  private:
-  using Piece = std::tuple<std::string, std::string, ObjectKey, std::uint32_t>;  // topic, env_service, key, chunk
-  void forget_oldest();
+  using Piece = std::tuple<std::string, ObjectKey, std::uint32_t>;  // env_service, key, chunk
 
-  std::map<Piece, msg::ImageChunk> chunks_;
-  std::deque<Piece> by_age_;  ///< of pictures
-  std::size_t picture_bytes_ = 0;
+  const Topic& topic_;
+  std::map<Piece, msg::ImageChunk> chunks_;  // of maps, too: all kinds have one type
+  std::deque<Piece> by_age_;
+  std::size_t bytes_ = 0;
 };
 
 }  // namespace citylearn

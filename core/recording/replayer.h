@@ -2,7 +2,7 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -42,18 +42,18 @@ class Replayer {
 
  private:
   using Key = std::pair<std::string, std::uint64_t>;  // sender and incarnation
-  /// Records of one log that wait to be acknowledged. LogSender counts them anew: a recording may lack some.
+  /// Records of one log that wait to be acknowledged. A recording lacks records, repeats some and has others late, so a
+  /// LogSender numbers those that wait anew, without gaps.
   struct ReplayedLog {
     LogSender log{LogOptions()};
-    std::deque<std::pair<std::uint64_t, Bytes>> waiting;  // with the number in the recording
-    std::uint64_t begin = 0;                              // number of the record played first
+    std::map<std::uint64_t, Bytes> waiting;  // by the number in the recording
+    std::uint64_t begin = 0;                 // number of the record played first
     Clock::time_point progress;
     Publisher* publisher = nullptr;
     bool given_up = false;  // no acknowledgement came for long
   };
   /// The writer of one recorded sender on one topic.
   struct ReplayedWriter {
-    const Topic* topic = nullptr;  // that every service reads
     std::unique_ptr<Publisher> publisher;
     Clock::time_point made, period;
     int in_period = 0;
@@ -64,31 +64,27 @@ class Replayer {
   struct Next {
     const Topic* topic = nullptr;  // that every service reads
     Key sender;
-    std::string session;
     std::int64_t position = 0;  // nanoseconds
     std::vector<Topic> to;      // on which it goes out
     std::size_t published = 0;  // topics of `to`
   };
-  /// Readers of messages that are sent to a recorded service now.
+  /// Reads one kind of what is sent to a recorded service now.
   struct Inbox {
-    std::unique_ptr<Subscription> episode_acknowledgements, training_acknowledgements, map_requests, image_requests;
+    std::unique_ptr<Subscription> subscription;
+    std::function<void()> handle;  // taken_
   };
 
+  std::optional<McapMessage> read();
   bool fetch();
-  bool open();
-  ReplayedWriter& writer(const Topic& all, const Topic& topic, const Key& sender);
-  void open_inbox(const std::string& session, const std::string& sender);
+  ReplayedWriter& writer(const Topic& topic, const Key& sender);
+  void open_inboxes(const std::string& session, const std::string& service);
   bool must_wait(ReplayedWriter& writer, Clock::time_point now);
   template <class Record>
-  std::uint64_t prepare(ReplayedWriter& writer, Record& record);
-  void keep(ReplayedWriter& writer, std::uint64_t number, Clock::time_point now);
-  void play(ReplayedWriter& writer);
-  void publish(ReplayedWriter& writer, const Bytes& bytes);
+  void keep(ReplayedWriter& writer, Record& record, Clock::time_point now);
+  void play(ReplayedWriter& writer, Clock::time_point now);
   void hear();
   void on_acknowledgement(const Topic& records);
-  template <class Request>
-  void on_chunk_request();
-  void note_played(const std::string& topic, std::size_t bytes);
+  void on_request(const ChunkStore& chunks);
   void send_again(Clock::time_point now);
   bool settled(Clock::time_point now);
 
@@ -97,7 +93,8 @@ class Replayer {
   ReplayClock clock_;
   std::map<std::string, const Topic*> topics_;  // to be played
   std::vector<Topic> all_;
-  std::map<std::string, Inbox> inboxes_;  // by session and id
+  std::set<std::pair<std::string, std::string>> services_;  // recorded: session and id
+  std::vector<Inbox> inboxes_;
   std::size_t files_opened_ = 0;
   std::unique_ptr<McapReader> reader_;
   std::optional<Next> next_;
@@ -109,7 +106,7 @@ class Replayer {
   std::map<std::tuple<std::string, Key, std::uint64_t>, ReplayedLog> logs_;  // by topic, sender and stream
   std::optional<Clock::time_point> first_record_, over_;
   bool acknowledged_ = false;  // a recorder has acknowledged
-  ChunkStore chunks_;
+  ChunkStore maps_{topic_of<msg::RouteMapChunk>()}, pictures_{topic_of<msg::ImageChunk>()};
   Clock::time_point due_, quiet_since_, next_state_;
   ReplayFigures figures_;
   Bytes taken_;

@@ -11,7 +11,8 @@ namespace {
 
 // A batch of so many is committed without waiting for more, because env_services resend until the acknowledgement.
 constexpr std::size_t kCommitBatch = 32;
-constexpr int kBatchesPerPoll = 4;  // others need the thread too
+constexpr int kBatchesPerPoll = 4;       // others need the thread too
+constexpr std::size_t kMaxBatch = 2000;  // episodes of a transaction
 
 void fill(const Sender& writer, std::uint64_t stream, std::uint64_t number, msg::ReaderState state,
           msg::LogAcknowledgement& message) {
@@ -24,7 +25,8 @@ void fill(const Sender& writer, std::uint64_t stream, std::uint64_t number, msg:
 
 }  // namespace
 
-Recorder::Recorder(Node& node, Store& store, const Options& options) : node_(node), store_(store), options_(options) {
+Recorder::Recorder(Node& node, Store& store, std::chrono::milliseconds retry_after)
+    : node_(node), store_(store), retry_after_(retry_after) {
   node_.create_reader<msg::ServiceStatus>();
   node_.create_reader<msg::TraversalInfo>();
   node_.create_reader<msg::RunInfo>();
@@ -39,7 +41,7 @@ bool Recorder::attempt(const std::function<void()>& work) {
     work();
   } catch (const Error& error) {
     // Not fatal: a disk may get space again. What is not committed is not acknowledged, so nothing is lost meanwhile.
-    next_try_ = Clock::now() + options_.retry_after;
+    next_try_ = Clock::now() + retry_after_;
     wake_at(next_try_);
     node_.alarm("store", std::string("nothing is recorded: ") + error.what());
     if (!failing_)
@@ -102,15 +104,6 @@ bool Recorder::held_by_other_process(const msg::RunInfo& info) {
   return true;
 }
 
-/// Accepts the last RunInfo of each process that continues the run of a silent one. They may have ended since.
-void Recorder::promote_successors() {
-  std::vector<msg::RunInfo> successors;
-  for (auto& [key, run] : runs_)
-    if (run.contender && !run.process.here(Clock::now()))
-      successors.push_back(*std::exchange(run.contender, std::nullopt));
-  for (const msg::RunInfo& info : successors) on_message(info);
-}
-
 void Recorder::on_message(const msg::TraversalInfo& info) {
   const Sender sender(info.header());
   const bool known = environments_.contains(sender);
@@ -154,14 +147,14 @@ void Recorder::on_message(const msg::RunInfo& info) {
 
 void Recorder::on_message(const msg::TrainingStat& stat) {
   // Those of a process whose RunInfo has not arrived come again once it has, and those that find the store stuck.
-  if (!runs_.contains({Sender(stat.header()), stat.log().stream()}) || stats_.size() >= options_.most_at_once) return;
+  if (!runs_.contains({Sender(stat.header()), stat.log().stream()}) || stats_.size() >= kMaxBatch) return;
   if (episodes_.empty() && stats_.empty()) first_waits_ = Clock::now();
   stats_.push_back(stat);
-  wake_at(first_waits_ + options_.gather);
+  wake_at(first_waits_ + kCommitGather);
 }
 
 void Recorder::take() {
-  while (episodes_.size() < options_.most_at_once && node_.take(taken_)) {
+  while (episodes_.size() < kMaxBatch && node_.take(taken_)) {
     if (episodes_.empty() && stats_.empty()) first_waits_ = Clock::now();
     episodes_.push_back(taken_);
   }
@@ -219,15 +212,17 @@ void Recorder::commit() {
 
 void Recorder::poll() {
   due_ = Clock::now() + kHeartbeat;
-  promote_successors();
+  // The last RunInfo of each process that continues the run of a silent one counts now. It may have ended since.
+  for (auto& [key, run] : runs_)
+    if (run.contender && !run.process.here(Clock::now())) on_message(*std::exchange(run.contender, std::nullopt));
   for (int batch = 0; batch < kBatchesPerPoll; ++batch) {
     take();
-    const bool full = episodes_.size() >= options_.most_at_once;
+    const bool full = episodes_.size() >= kMaxBatch;
     const bool waiting = !episodes_.empty() || !stats_.empty();
-    const bool patient = waiting && episodes_.size() < kCommitBatch && Clock::now() < first_waits_ + options_.gather;
+    const bool patient = waiting && episodes_.size() < kCommitBatch && Clock::now() < first_waits_ + kCommitGather;
     behind_ = full || patient;
     if (patient) {
-      wake_at(first_waits_ + options_.gather);
+      wake_at(first_waits_ + kCommitGather);
     } else {
       commit();
     }

@@ -22,14 +22,8 @@ namespace citylearn {
 /// the services keep their records. Belongs to the thread of its node.
 class Recorder {
  public:
-  struct Options {
-    std::size_t most_at_once = 2000;                       ///< episodes of a transaction
-    std::chrono::milliseconds gather = kCommitGather;      ///< the longest time that a record waits for others
-    std::chrono::milliseconds retry_after = kCommitRetry;  ///< after a failure of the store
-  };
-  /// `node` and `store` must outlive it.
-  Recorder(Node& node, Store& store, const Options& options);
-  Recorder(Node& node, Store& store) : Recorder(node, store, Options()) {}
+  /// `node` and `store` must outlive it. After a failure of the store it tries again after `retry_after`.
+  Recorder(Node& node, Store& store, std::chrono::milliseconds retry_after = kCommitRetry);
 
   /// Called for each event that the recorder adds to the store, alarms among them.
   std::function<void(const Event&)> on_event;
@@ -67,7 +61,6 @@ class Recorder {
   void commit();
   void commit_stats();
   bool held_by_other_process(const msg::RunInfo& info);
-  void promote_successors();
   void acknowledge(const Sender& environment, msg::ReaderState state = msg::READS);
   void acknowledge(const RunKey& run, msg::ReaderState state = msg::READS);
   void report(Event event);
@@ -77,7 +70,7 @@ class Recorder {
   Node& node_;
   Rejections rejections_{node_};
   Store& store_;
-  const Options options_;
+  const std::chrono::milliseconds retry_after_;
   std::vector<msg::EpisodeStat> episodes_;      // not committed yet
   std::vector<msg::TrainingStat> stats_;        // likewise
   std::vector<Event> events_;                   // likewise

@@ -5,7 +5,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <deque>
 #include <memory>
 
 #include "core/exchange/timing.h"
@@ -14,7 +13,6 @@
 #include "core/wire/service.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/distributed/learner_session.h"
-#include "policy_service/distributed/trajectories.h"
 
 namespace citylearn {
 namespace {
@@ -38,16 +36,6 @@ class Actor {
   int execute();
 
  private:
-  using ParametersUsed = std::shared_ptr<const VersionedParameters>;
-  struct Served {
-    int slot = 0;               // names its random streams; never used twice
-    ParametersUsed parameters;  // those of the whole segment
-    msg::SettingsId settings;
-    std::uint64_t segment_step = 0;      // of the segment's first observation
-    bool blocked = false;                // its segment is sent, the next one has not begun
-    std::deque<std::uint64_t> segments;  // unacknowledged: the number of the last trajectory of each
-  };
-
   void spin();
   void on_info(const msg::LearnerInfo& info);
   void on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement);
@@ -56,14 +44,11 @@ class Actor {
   void on_assignment(const msg::Assignment& assignment);
   void serve_assigned();
   void let_go_of_released();
-  void enroll(EnvHandle& env);
+  void serve(EnvHandle& env);
   void drop(EnvHandle& env);
   void release(const std::string& id);
   void release_all();
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
-  bool may_continue(const Served& served) const;
-  void begin_next_segment(Served& served, std::vector<std::uint8_t>& choice);
-  void send_segment(EnvHandle& env, Served& served);
   void send_status();
   std::string why_idle() const;
   void report();
@@ -77,7 +62,7 @@ class Actor {
   std::unique_ptr<LearnerSession> session_;
   std::map<std::string, std::uint64_t> assigned_;      // incarnations of env_services, by id
   std::map<std::string, Clock::time_point> released_;  // told to be idle, not let go yet: since when
-  std::map<EnvHandle*, Served, ById> served_;
+  std::map<std::string, MessageOrder> orders_;         // of the learner's assignments, by id of the env_service
   std::uint64_t steps_ = 0;
   int slots_ = 0;
   bool answered_ = false;  // the learner has answered the last status
@@ -142,7 +127,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   if (heard == Incumbent::Heard::kIncumbent) {
     // Unacknowledged trajectories stay: the learner counts them, and drops those of an old lesson.
     if (session_->update(info))
-      for (auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) enroll(*env);
+      for (EnvHandle* env : session_->envs()) serve(*env);
     return;
   }
   spdlog::info("learner '{}'{}: {} on '{}', version {}", info.header().sender().c_str(), session_ ? " is back" : "",
@@ -153,6 +138,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
     if (acknowledged_.size() >= kMaxLearners) acknowledged_.clear();
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
   }
+  orders_.clear();
   session_ = std::make_unique<LearnerSession>(node_, info, workers_);
   session_->outbox.begin(info.header(), acknowledged_[info.header().incarnation()]);
   client_.require(session_->requirements());
@@ -178,6 +164,11 @@ void Actor::on_assignment(const msg::Assignment& assignment) {
     return;
   const std::string id = assignment.environment().c_str();
   next_status_ = Clock::now();
+  if (orders_.size() >= msg::MAX_SERVED && !orders_.contains(id)) orders_.clear();  // they matter for seconds only
+  if (!orders_[id].in_order(assignment.header(), next_status_)) {                   // a newer one has come
+    ++node_.traffic.repeated;
+    return;
+  }
   if (assignment.serve()) {
     if (!assigned_.contains(id)) spdlog::info("learner '{}' assigns env_service '{}'", session_->learner(), id);
     assigned_[id] = assignment.environment_incarnation();
@@ -194,10 +185,8 @@ void Actor::on_assignment(const msg::Assignment& assignment) {
 
 /// Begins to serve what is assigned and has announced itself, and gives up what is gone.
 void Actor::serve_assigned() {
-  std::vector<EnvHandle*> lost;
-  for (const auto& [env, served] : served_)
-    if (env->lost() || !session_->serves(*env)) lost.push_back(env);
-  for (EnvHandle* env : lost) {
+  for (EnvHandle* env : session_->envs()) {
+    if (!env->lost() && session_->serves(*env)) continue;
     spdlog::info("env_service '{}' {}", env->id,
                  env->lost()            ? "obeys another service"
                  : env->refusal.empty() ? "is gone"
@@ -209,8 +198,8 @@ void Actor::serve_assigned() {
     const auto found = client_.envs().find(id);
     if (found == client_.envs().end()) continue;
     EnvHandle& env = *found->second;
-    if (env.incarnation() != incarnation || served_.contains(&env) || !session_->serves(env)) continue;
-    enroll(env);
+    if (env.incarnation() != incarnation || session_->acts_on(env) || !session_->serves(env)) continue;
+    serve(env);
     spdlog::info("serving env_service '{}'", id);
     logged_.clear();
   }
@@ -222,44 +211,23 @@ void Actor::let_go_of_released() {
   const Clock::time_point now = Clock::now();
   std::erase_if(released_, [&](const auto& entry) {
     const auto found = client_.envs().find(entry.first);
-    if (found != client_.envs().end() && found->second->alive() && !found->second->lost() && !found->second->in_force &&
-        now - entry.second < kReleaseGiveUp)
+    if (found != client_.envs().end() && found->second->alive() && !found->second->lost() &&
+        !found->second->in_force() && now - entry.second < kReleaseGiveUp)
       return false;
     client_.detach(entry.first);
     return true;
   });
 }
 
-void Actor::enroll(EnvHandle& env) {
-  LearnerSession& s = *session_;
-  const msg::LearnerInfo& info = s.info();
-  Served& served = served_[&env];
-  if (served.slot > 0) s.collector().remove(served.slot);
-  served = Served();
-  served.slot = ++slots_;
-  s.collector().add(served.slot, static_cast<int>(env.info.agents()));
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::TRAIN;
-  settings.lesson() = s.info().lesson();
-  settings.first_frame() = s.info().first_frame();
-  settings.frames() = s.info().lesson_frames();
-  settings.max_steps() = s.info().max_steps();
-  settings.seed() = s.collector().environment_seed(served.slot);
-  settings.policy() = s.info().agent();
-  const ParametersUsed newest = s.newest_parameters();
-  settings.update() = newest ? newest->version : info.version();
-  settings.run_id() = s.info().run_id();
-  client_.command(env, settings);
-  served.settings = env.settings.settings();
+/// Begins to serve an env_service, or begins anew.
+void Actor::serve(EnvHandle& env) {
+  client_.command(env, session_->begin(env, ++slots_));
   next_status_ = Clock::now();
 }
 
 /// Ends to serve an env_service.
 void Actor::drop(EnvHandle& env) {
-  const auto found = served_.find(&env);
-  if (found == served_.end()) return;
-  session_->collector().remove(found->second.slot);
-  served_.erase(found);
+  if (!session_ || !session_->end(env)) return;
   env.release();
   next_status_ = Clock::now();
 }
@@ -284,14 +252,14 @@ void Actor::send_status() {
   next_status_ = Clock::now() + kHeartbeat;
   status_.learner() = session_ ? session_->info().header().sender().c_str() : "";
   status_.learner_incarnation() = session_ ? session_->info().header().incarnation() : 0;
-  const ParametersUsed newest = session_ ? session_->newest_parameters() : nullptr;
+  const auto newest = session_ ? session_->newest_parameters() : nullptr;
   status_.version() = newest ? newest->version : 0;
   status_.available() = true;
   status_.environments().clear();
-  for (const auto& [env, served] : served_) status_.environments().push_back(env->incarnation());
+  if (session_)
+    for (const EnvHandle* env : session_->envs()) status_.environments().push_back(env->incarnation());
   status_.unacknowledged() = session_ ? static_cast<std::uint32_t>(session_->outbox.unacknowledged()) : 0;
-  status_.waiting() =
-      std::any_of(served_.begin(), served_.end(), [](const auto& entry) { return entry.second.blocked; });
+  status_.waiting() = session_ && session_->blocked();
   status_.waited() = waited_;
   answered_ = false;
   node_.publish(status_);
@@ -300,51 +268,9 @@ void Actor::send_status() {
 // Acting.
 
 bool Actor::decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-  const auto found = served_.find(&env);
-  if (found == served_.end()) return false;
-  Served& served = found->second;
-  if (!served.parameters) served.parameters = session_->newest_parameters();
-  if (session_->collector().act(served.slot, observation, served.parameters->values, choice)) {
-    steps_ += choice.size();
-    return true;
-  }
-  send_segment(env, served);
-  if (!may_continue(served)) {
-    served.blocked = true;
-    return false;
-  }
-  begin_next_segment(served, choice);
-  return true;
-}
-
-bool Actor::may_continue(const Served& served) const { return served.segments.size() < session_->info().window(); }
-
-/// Begins the next segment, with the newest complete parameters.
-void Actor::begin_next_segment(Served& served, std::vector<std::uint8_t>& choice) {
-  served.blocked = false;
-  served.parameters = session_->newest_parameters();
-  session_->collector().resume(served.slot, served.parameters->values, choice);
+  if (!session_ || !session_->act(env, observation, choice)) return false;
   steps_ += choice.size();
-}
-
-void Actor::send_segment(EnvHandle& env, Served& served) {
-  LearnerSession& s = *session_;
-  const Rollout& rollout = s.collector().rollout(served.slot);
-  for (int agent = 0; agent < rollout.inputs.agents; ++agent) {
-    msg::Trajectory& trajectory = s.outbox.add();
-    trajectory.learner() = s.info().header().sender();
-    trajectory.environment() = env.id.c_str();
-    trajectory.agent() = static_cast<std::uint32_t>(agent);
-    trajectory.settings() = served.settings;
-    trajectory.step() = served.segment_step;
-    trajectory.lesson() = env.settings.lesson();
-    trajectory.version() = served.parameters->version;
-    pack(rollout, agent, trajectory);
-  }
-  served.segment_step += static_cast<std::uint64_t>(rollout.inputs.steps);
-  served.segments.push_back(s.outbox.last());
-  s.collector().begin_segment(served.slot);
-  s.outbox.send_due();
+  return true;
 }
 
 void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement) {
@@ -353,15 +279,10 @@ void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledge
       !of_learner(acknowledgement.header(), "an acknowledgement"))
     return;
   answered_ = true;
-  TrajectoryOutbox& outbox = session_->outbox;
-  const LogSender::Acknowledged result = outbox.acknowledge(acknowledgement);
+  const LogSender::Acknowledged result = session_->acknowledge(acknowledgement);
   if (result == LogSender::Acknowledged::kImpossible)
     rejections_.add(acknowledgement.header(), "an acknowledgement of trajectories that were never sent");
   if (result == LogSender::Acknowledged::kRepeated) ++node_.traffic.repeated;
-  if (result != LogSender::Acknowledged::kYes) return;
-  for (auto& [env, served] : served_)
-    while (!served.segments.empty() && served.segments.front() <= outbox.acknowledged()) served.segments.pop_front();
-  outbox.send_due();
 }
 
 // The loop.
@@ -373,16 +294,14 @@ void Actor::spin() {
   while (node_.take(chunk_)) on_parameters(chunk_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   const Clock::time_point now = Clock::now();
-  const bool waiting =
-      std::any_of(served_.begin(), served_.end(), [](const auto& entry) { return entry.second.blocked; });
-  if (waiting) waited_ += std::chrono::duration<double>(now - last_turn_).count();
+  if (session_ && session_->blocked()) waited_ += std::chrono::duration<double>(now - last_turn_).count();
   last_turn_ = now;
   if (session_ && session_->info().training() && session_->prepare(client_)) {
     session_->request_missing_parameters();
     if (session_->newest_parameters()) serve_assigned();
-    for (auto& [env, served] : served_) {
-      if (!served.blocked || !env->waiting || !may_continue(served)) continue;
-      begin_next_segment(served, choice_);
+    for (EnvHandle* env : session_->envs()) {
+      if (!session_->resume(*env, choice_)) continue;
+      steps_ += choice_.size();
       client_.answer(*env, choice_);
     }
     session_->outbox.send_due();
@@ -416,7 +335,7 @@ void Actor::report() {
     node_.report(msg::WAITING, "waiting for a learner");
     return;
   }
-  const std::string learner = session_->info().header().sender().c_str();
+  const std::string learner = session_->learner();
   const bool silent = !learner_.here(now);
   if (silent && !std::exchange(warned_, true))
     spdlog::warn("learner '{}' is silent: continuing up to {} unacknowledged segments, then waiting", learner,
@@ -427,14 +346,14 @@ void Actor::report() {
                  fmt::format("waiting for learner '{}' to take {} trajectories{}; {:.0f} s so far", learner,
                              session_->outbox.unacknowledged(), silent ? ", which is silent" : "", waited_),
                  static_cast<float>(rate));
-  } else if (served_.empty()) {
+  } else if (session_->envs().empty()) {
     const std::string why = why_idle();
     if (std::exchange(logged_, why) != why) spdlog::info("{}", why);
     node_.report(msg::WAITING, why);
   } else {
     node_.report(msg::RUNNING,
-                 fmt::format("acting on {} env_service{} for learner '{}', version {}", served_.size(),
-                             served_.size() == 1 ? "" : "s", learner, status_.version()),
+                 fmt::format("acting on {} env_service{} for learner '{}', version {}", session_->envs().size(),
+                             session_->envs().size() == 1 ? "" : "s", learner, status_.version()),
                  static_cast<float>(rate));
   }
 }
@@ -466,8 +385,8 @@ int Actor::execute() {
     if (ended == Clock::time_point{}) {
       ended = Clock::now();
       release_all();
-      spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room",
-                   session_->info().header().sender().c_str(), session_->outbox.last(), waited_);
+      spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room", session_->learner(),
+                   session_->outbox.last(), waited_);
     }
     if (Clock::now() < ended + kEndContestTimeout) continue;
     learner_.leave();

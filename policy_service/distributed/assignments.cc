@@ -15,7 +15,7 @@ constexpr auto kByLoad = [](const auto& a, const auto& b) { return a.second < b.
 }  // namespace
 
 /// Updates given_ from the actors that are alive and what they say.
-void Assignments::follow(const std::vector<Env>& envs, const std::vector<Actor>& actors) {
+void Assignments::follow(const std::vector<Env>& envs, const std::vector<Actor>& actors, Clock::time_point now) {
   std::map<std::uint64_t, const Env*> present;
   for (const Env& env : envs) present[env.incarnation] = &env;
   std::map<std::string, const Actor*> alive;
@@ -26,16 +26,17 @@ void Assignments::follow(const std::vector<Env>& envs, const std::vector<Actor>&
     const auto actor = alive.find(given.actor);
     const bool here = present.contains(incarnation) && actor != alive.end();
     const bool serves = here && actor->second->serves.contains(incarnation);
-    const bool left = here && !serves && (given.confirmed || ++given.waited > kMaxCalls);
+    const bool left =
+        here && !serves && (!given.sender.unconfirmed() || given.sender.unconfirmed_for(now) > kCommandGiveUp);
     if (left) left_by_[incarnation] = given.actor;
-    given.confirmed = serves;
+    if (serves) given.sender.confirm();
     entry = here && !left ? std::next(entry) : given_.erase(entry);
   }
   // What actors serve already, as a learner finds it when it starts again.
   for (const Actor& actor : actors)
     for (const std::uint64_t incarnation : actor.serves)
       if (const auto env = present.find(incarnation); env != present.end())
-        given_.try_emplace(incarnation, Given{actor.id, env->second->id, true, 0});
+        given_.try_emplace(incarnation, Given{actor.id, env->second->id, {}});
 }
 
 /// Withdraws env_services from actors that have more than their share while others have less. `loads` counts what each
@@ -56,7 +57,7 @@ void Assignments::withdraw_surplus(Loads loads) {
 }
 
 /// Gives an env_service to the actor that has fewest; to the one that left it only if no other one has as few.
-void Assignments::give(const Env& env, Loads& loads) {
+void Assignments::give(const Env& env, Loads& loads, Clock::time_point now) {
   const auto left = left_by_.find(env.incarnation);
   const auto key = [&](const auto& load) {
     return std::pair(load.second, left != left_by_.end() && left->second == load.first);
@@ -64,12 +65,14 @@ void Assignments::give(const Env& env, Loads& loads) {
   const auto best =
       std::min_element(loads.begin(), loads.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
   if (best == loads.end() || best->second >= msg::MAX_SERVED) return;
-  given_[env.incarnation] = {best->first, env.id, false, 0};
+  Given& given = given_[env.incarnation] = {best->first, env.id, {}};
+  given.sender.begin(now);
   ++best->second;
 }
 
-std::vector<Assignments::Order> Assignments::divide(const std::vector<Env>& envs, const std::vector<Actor>& actors) {
-  follow(envs, actors);
+std::vector<Assignments::Order> Assignments::divide(const std::vector<Env>& envs, const std::vector<Actor>& actors,
+                                                    Clock::time_point now) {
+  follow(envs, actors, now);
   Loads loads;
   std::set<std::uint64_t> served;
   for (const Actor& actor : actors) {
@@ -83,24 +86,37 @@ std::vector<Assignments::Order> Assignments::divide(const std::vector<Env>& envs
     if (served.contains(env.incarnation) || env.busy)
       ++later;
     else
-      give(env, loads);
+      give(env, loads, now);
   }
   if (!actors.empty()) {
     Loads shares = loads;
     for (; later > 0; --later) ++std::min_element(shares.begin(), shares.end(), kByLoad)->second;
     withdraw_surplus(std::move(shares));
   }
+  return due_orders(envs, actors, now);
+}
+
+/// Returns the orders that make what the actors serve what was given to them, as far as they are to be sent now.
+std::vector<Assignments::Order> Assignments::due_orders(const std::vector<Env>& envs, const std::vector<Actor>& actors,
+                                                        Clock::time_point now) {
   std::vector<Order> orders;
+  const auto earlier = std::exchange(releases_, {});
   for (const Actor& actor : actors) {
-    for (const auto& [incarnation, given] : given_)
-      if (given.actor == actor.id && !actor.serves.contains(incarnation))
+    for (auto& [incarnation, given] : given_)
+      if (given.actor == actor.id && given.sender.take_due(now))
         orders.push_back({actor.id, given.env, incarnation, true});
     for (const std::uint64_t incarnation : actor.serves) {
       const auto given = given_.find(incarnation);
       if (given != given_.end() && given->second.actor == actor.id) continue;
       const auto env =
           std::find_if(envs.begin(), envs.end(), [&](const Env& each) { return each.incarnation == incarnation; });
-      if (env != envs.end()) orders.push_back({actor.id, env->id, incarnation, false});
+      if (env == envs.end()) continue;
+      CommandSender& sender = releases_[{actor.id, incarnation}];
+      if (const auto known = earlier.find({actor.id, incarnation}); known != earlier.end())
+        sender = known->second;
+      else
+        sender.begin(now);
+      if (sender.take_due(now)) orders.push_back({actor.id, env->id, incarnation, false});
     }
   }
   return orders;

@@ -5,14 +5,15 @@
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "core/exchange/timing.h"
+#include "core/exchange/command.h"
 
 namespace citylearn {
 
 /// Divides the env_services of a learner among its actors, evenly and with as few moves as possible. It handles no
-/// messages and has no clock. Used by one thread.
+/// messages and has no clock of its own. Used by one thread.
 class Assignments {
  public:
   /// An env_service that actors may serve.
@@ -36,24 +37,24 @@ class Assignments {
     bool operator==(const Order&) const = default;
   };
 
-  /// Returns what has to be told, also what was told before and no actor has confirmed. An env_service is given to
-  /// another actor only when none says that it serves it.
-  /// Call it every kAssignInterval: what an actor did not begin to serve in kCommandGiveUp goes to another one.
-  std::vector<Order> divide(const std::vector<Env>& envs, const std::vector<Actor>& actors);
+  /// Returns the orders that are to be sent now: new ones, and again those that no actor has confirmed. An env_service
+  /// is given to another actor only when none says that it serves it, and what an actor did not begin to serve within
+  /// kCommandGiveUp goes to another one.
+  std::vector<Order> divide(const std::vector<Env>& envs, const std::vector<Actor>& actors, Clock::time_point now);
 
  private:
-  static constexpr int kMaxCalls = kCommandGiveUp / kAssignInterval;
   struct Given {
     std::string actor, env;
-    bool confirmed = false;
-    int waited = 0;  ///< calls since it was given, while it is not confirmed
+    CommandSender sender;  ///< of the order to serve it
   };
   using Loads = std::map<std::string, std::size_t>;  // env_services, by actor
-  void follow(const std::vector<Env>& envs, const std::vector<Actor>& actors);
+  void follow(const std::vector<Env>& envs, const std::vector<Actor>& actors, Clock::time_point now);
   void withdraw_surplus(Loads loads);
-  void give(const Env& env, Loads& loads);
+  void give(const Env& env, Loads& loads, Clock::time_point now);
+  std::vector<Order> due_orders(const std::vector<Env>& envs, const std::vector<Actor>& actors, Clock::time_point now);
 
-  std::map<std::uint64_t, Given> given_;          ///< by incarnation of the env_service
+  std::map<std::uint64_t, Given> given_;                                     ///< by incarnation of the env_service
+  std::map<std::pair<std::string, std::uint64_t>, CommandSender> releases_;  ///< orders to release, by actor and it
   std::map<std::uint64_t, std::string> left_by_;  ///< the actor that released it unasked, or did not begin to serve it
 };
 

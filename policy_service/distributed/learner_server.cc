@@ -115,9 +115,7 @@ void LearnerServer::assign() {
   std::vector<Assignments::Actor> actors;
   for (const auto& [id, actor] : actors_)
     if (actor.present && actor.available) actors.push_back({id, actor.serves});
-  std::erase_if(last_order_sent_, [&](const auto& entry) { return now - entry.second >= kAssignmentResend; });
-  for (const Assignments::Order& order : assignments_.divide(envs, actors)) {
-    if (!last_order_sent_.try_emplace({order.actor, order.env, order.serve}, now).second) continue;
+  for (const Assignments::Order& order : assignments_.divide(envs, actors, now)) {
     assignment_.actor() = order.actor.c_str();
     assignment_.actor_incarnation() = actors_.at(order.actor).presence.incarnation();
     assignment_.environment() = order.env.c_str();

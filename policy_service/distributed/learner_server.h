@@ -84,8 +84,6 @@ class LearnerServer {
   double policy_lag_ = 0;
   msg::LearnerInfo info_;
   Assignments assignments_;
-  std::map<std::tuple<std::string, std::string, bool>, Clock::time_point>
-      last_order_sent_;  ///< actor, env_service, serve: last time
   Clock::time_point next_info_{}, next_assignments_;
   std::map<std::string, Actor> actors_;
   Rejections rejections_;

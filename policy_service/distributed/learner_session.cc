@@ -3,10 +3,12 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
 #include "core/exchange/timing.h"
+#include "policy_service/distributed/trajectories.h"
 
 namespace citylearn {
 namespace {
@@ -125,6 +127,97 @@ bool LearnerSession::update(const msg::LearnerInfo& info) {
   expect_parameters();
   if (lesson) begin_lesson();
   return lesson;
+}
+
+msg::TaskSettings LearnerSession::begin(EnvHandle& env, int slot) {
+  Served& served = served_[&env];
+  if (served.slot > 0) collector_->remove(served.slot);
+  served = Served();
+  served.slot = slot;
+  collector_->add(slot, static_cast<int>(env.info.agents()));
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::TRAIN;
+  settings.lesson() = info_.lesson();
+  settings.first_frame() = info_.first_frame();
+  settings.frames() = info_.lesson_frames();
+  settings.max_steps() = info_.max_steps();
+  settings.seed() = collector_->environment_seed(slot);
+  settings.policy() = info_.agent();
+  const ParametersUsed newest = newest_parameters();
+  settings.update() = newest ? newest->version : info_.version();
+  settings.run_id() = info_.run_id();
+  return settings;
+}
+
+bool LearnerSession::end(EnvHandle& env) {
+  const auto found = served_.find(&env);
+  if (found == served_.end()) return false;
+  collector_->remove(found->second.slot);
+  served_.erase(found);
+  return true;
+}
+
+std::vector<EnvHandle*> LearnerSession::envs() const {
+  std::vector<EnvHandle*> found;
+  for (const auto& [env, served] : served_) found.push_back(env);
+  return found;
+}
+
+bool LearnerSession::blocked() const {
+  return std::any_of(served_.begin(), served_.end(), [](const auto& entry) { return entry.second.blocked; });
+}
+
+bool LearnerSession::act(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+  const auto found = served_.find(&env);
+  if (found == served_.end()) return false;
+  Served& served = found->second;
+  if (!served.parameters) served.parameters = newest_parameters();
+  if (collector_->act(served.slot, observation, served.parameters->values, choice)) return true;
+  send_segment(env, served);
+  served.blocked = true;
+  return begin_next_segment(served, choice);
+}
+
+bool LearnerSession::resume(EnvHandle& env, std::vector<std::uint8_t>& choice) {
+  Served& served = served_.at(&env);
+  return served.blocked && env.waiting && begin_next_segment(served, choice);
+}
+
+/// Begins the next segment, with the newest complete parameters, if there is room for it.
+bool LearnerSession::begin_next_segment(Served& served, std::vector<std::uint8_t>& choice) {
+  if (served.segments.size() >= info_.window()) return false;
+  served.blocked = false;
+  served.parameters = newest_parameters();
+  collector_->resume(served.slot, served.parameters->values, choice);
+  return true;
+}
+
+void LearnerSession::send_segment(const EnvHandle& env, Served& served) {
+  const Rollout& rollout = collector_->rollout(served.slot);
+  for (int agent = 0; agent < rollout.inputs.agents; ++agent) {
+    msg::Trajectory& trajectory = outbox.add();
+    trajectory.learner() = info_.header().sender();
+    trajectory.environment() = env.id.c_str();
+    trajectory.agent() = static_cast<std::uint32_t>(agent);
+    trajectory.settings() = env.settings.settings();
+    trajectory.step() = served.segment_step;
+    trajectory.lesson() = env.settings.lesson();
+    trajectory.version() = served.parameters->version;
+    pack(rollout, agent, trajectory);
+  }
+  served.segment_step += static_cast<std::uint64_t>(rollout.inputs.steps);
+  served.segments.push_back(outbox.last());
+  collector_->begin_segment(served.slot);
+  outbox.send_due();
+}
+
+LogSender::Acknowledged LearnerSession::acknowledge(const msg::LogAcknowledgement& acknowledgement) {
+  const LogSender::Acknowledged result = outbox.acknowledge(acknowledgement);
+  if (result != LogSender::Acknowledged::kYes) return result;
+  for (auto& [env, served] : served_)
+    while (!served.segments.empty() && served.segments.front() <= outbox.acknowledged()) served.segments.pop_front();
+  outbox.send_due();
+  return result;
 }
 
 }  // namespace citylearn

@@ -6,8 +6,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/exchange/command.h"
 #include "core/exchange/timing.h"
-#include "core/task/live.h"
+#include "policy_service/env_client/observation_check.h"
 
 namespace citylearn {
 namespace {
@@ -26,55 +27,6 @@ bool same_traversal(const msg::TraversalInfo& a, const msg::TraversalInfo& b) {
          a.traversal() == b.traversal() && a.images() == b.images();
 }
 
-/// Returns what is wrong with an observation under these settings; empty when nothing is.
-std::string validation_error(const EnvHandle& env, const msg::Observation& observation) {
-  const msg::TaskSettings& settings = env.settings;
-  const auto off_route = [&](const std::vector<std::uint32_t>& frames) {
-    return std::any_of(frames.begin(), frames.end(), [&](std::uint32_t frame) {
-      return frame < settings.first_frame() || frame - settings.first_frame() >= settings.frames();
-    });
-  };
-  if (observation.goal().size() != env.info.agents()) return "of another number of agents";
-  if (!observation.by_reference() && observation.feature_dimension() != env.info.feature_dimension())
-    return "of another number of features";
-  if (off_route(observation.position())) return "with a position beside the route";
-  if (off_route(observation.goal())) return "with a goal beside the route";
-  if (!is_live(env.info) && off_route(observation.frame())) return "with a frame beside the route";
-  for (const std::uint8_t allowed : observation.allowed())
-    if ((allowed & ((1u << kActions) - 1)) == 0) return "that allows no action";
-  return "";
-}
-
-/// Fills in the features that the env_service left out.
-bool complete(const EnvHandle& env, msg::Observation& observation) {
-  if (!env.features) return false;
-  const std::size_t dimension = env.features->dimension();
-  observation.features().resize(observation.frame().size() * dimension);
-  float* to = observation.features().data();
-  for (const std::uint32_t frame : observation.frame()) {
-    const float* from = env.features->at(frame);
-    if (!from) return false;
-    to = std::copy_n(from, dimension, to);
-  }
-  observation.by_reference() = false;
-  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
-  return true;
-}
-
-/// Returns whether the env_service that announced this sends frames by name. Throws Error when it must not and cannot
-/// send features.
-bool by_reference(Observing observing, const msg::TraversalInfo& info) {
-  const std::size_t numbers = std::size_t{info.agents()} * info.feature_dimension();
-  if (observing == Observing::kWhole && numbers > msg::MAX_FEATURES)
-    throw Error("the features of " + std::to_string(info.agents()) + " agents x " +
-                    std::to_string(info.feature_dimension()) + " do not fit one observation (at most " +
-                    std::to_string(msg::MAX_FEATURES) + ")",
-                "", "ask for observations by reference");
-  if (is_live(info)) return false;
-  if (observing == Observing::kByReference) return numbers > 0;
-  return observing == Observing::kAsFits && (info.images() || numbers * sizeof(float) > kMaxWholeBytes);
-}
-
 }  // namespace
 
 EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
@@ -82,7 +34,6 @@ EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
   node_.create_reader<msg::TraversalChunk>();
   if (options_.attached_only) {
     node_.create_reader_at<msg::ServiceStatus>(node_.options().id);  // of another process with this id
-    wants_episodes_ = false;
     return;
   }
   node_.create_reader<msg::ServiceStatus>();
@@ -110,6 +61,33 @@ void EnvClient::detach(const std::string& id) {
   node_.release_topics(id);
 }
 
+void EnvClient::receive_observations(bool wanted) {
+  wants_observations_ = wanted;
+  if (!wanted)
+    for (const auto& [id, env] : envs_) node_.delete_reader_at<msg::Observation>(id);
+}
+
+void EnvClient::spin(Clock::time_point deadline) {
+  ask_for_features();
+  send_due_settings();
+  // Settings and requests are re-sent by this loop, so it never sleeps past their time.
+  node_.wait(std::min(deadline, Clock::now() + kStopCheckInterval));
+  while (node_.take(info_)) on_info(info_);
+  while (node_.take(status_)) on_status(status_);
+  while (node_.take(chunk_))
+    if (!features_.take(chunk_, serves_features(chunk_.header()))) rejections_.add(chunk_.header(), "invalid features");
+  while (node_.take(observation_)) on_observation(observation_);
+  while (node_.take(episode_))
+    if (EnvHandle* env = speaking(episode_.header()); env && finished) finished(*env, episode_);
+  if (Clock::now() >= next_refusals_) report_refusals();
+  if (!records_ || Clock::now() < next_acknowledgements_) return;
+  next_acknowledgements_ = Clock::now() + kAcknowledge;
+  for (const auto& [id, env] : envs_)
+    if (env->alive()) send_acknowledgement(*env);
+}
+
+// Which env_services there are, and which of them are used.
+
 EnvHandle* EnvClient::known(const msg::Header& header) {
   const auto found = envs_.find(header.sender().c_str());
   if (found == envs_.end() || found->second->incarnation() != header.incarnation()) return nullptr;
@@ -128,58 +106,29 @@ EnvHandle* EnvClient::speaking(const msg::Header& header) {
   return nullptr;
 }
 
-/// Returns whether the sender is an env_service, or the encoder_service that completed its announcement.
-bool EnvClient::serves_features(const msg::Header& header) const {
-  return std::any_of(envs_.begin(), envs_.end(), [&](const auto& entry) {
-    const msg::TraversalInfo& info = entry.second->info;
-    return (header.sender() == info.header().sender() && header.incarnation() == info.header().incarnation()) ||
-           (header.sender() == info.encoder_service() && header.incarnation() == info.encoder_incarnation());
-  });
-}
-
-void EnvClient::spin(Clock::time_point deadline) {
-  ask_for_features();
-  send_due_settings();
-  // Settings and requests are re-sent by this loop, so it never sleeps past their time.
-  node_.wait(std::min(deadline, Clock::now() + kStopCheckInterval));
-  while (node_.take(info_)) on_info(info_);
-  while (node_.take(status_)) on_status(status_);
-  while (node_.take(chunk_))
-    if (!features_.take(chunk_, serves_features(chunk_.header()))) rejections_.add(chunk_.header(), "invalid features");
-  while (node_.take(observation_)) on_observation(observation_);
-  while (wants_episodes_ && node_.take(episode_))
-    if (EnvHandle* env = speaking(episode_.header()); env && finished) finished(*env, episode_);
-  if (Clock::now() >= next_refusals_) report_refusals();
-  if (!records_ || Clock::now() < next_acknowledgements_) return;
-  next_acknowledgements_ = Clock::now() + kAcknowledge;
-  for (const auto& [id, env] : envs_)
-    if (env->alive()) send_acknowledgement(*env);
-}
-
 void EnvClient::on_status(const msg::ServiceStatus& status) {
   node_.check_twin(status);
   if (EnvHandle* env = known(status.header())) {
     env->busy = status.service_state() == msg::RUNNING;
     if (status.service_state() == msg::STOPPING) env->presence.leave();
   }
-  encoders_.on_status(status);
-  policies_.on_status(status);
+  services_.on_status(status);
 }
 
 std::string EnvClient::other_policy(const EnvHandle& env) const {
-  return env.obeys != node_.incarnation() && (env.busy || env.lost()) ? policies_.id_of(env.obeys) : "";
+  return env.obeys != node_.incarnation() && (env.busy || env.lost()) ? services_.id_of(env.obeys) : "";
 }
 
 void EnvClient::on_info(const msg::TraversalInfo& info) {
   if (info.images() && info.feature_dimension() == 0) {  // an encoder_service will publish it again, complete
-    if (!known(info.header())) encoders_.on_images(info);
+    if (!known(info.header())) services_.on_images(info);
     return;
   }
   if (options_.attached_only && !attached_.contains(info.header().sender().c_str())) return;  // of before detach()
   // It shows whether the service lives that has the features.
   if (options_.attached_only && info.encoder_incarnation() != 0)
     node_.create_reader_at<msg::ServiceStatus>(info.encoder_service().c_str());
-  encoders_.on_complete(info.header());
+  services_.on_complete(info.header());
   std::unique_ptr<EnvHandle>& slot = envs_[info.header().sender().c_str()];
   if (!slot) slot = std::make_unique<EnvHandle>();
   EnvHandle& env = *slot;
@@ -202,19 +151,19 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
   }
   const bool forged = obeys_forged_settings(env, info);
   // An env_service that lost its settings was reset by a service that is not known here.
-  const bool commanded = env.settings.settings().version() != 0;
-  const bool begins_anew = fresh || (commanded && (forged || (env.in_force && info.settings().version() == 0)));
+  const bool begins_anew = fresh || (env.commands() && (forged || (env.in_force() && info.settings().version() == 0)));
   env.info = info;
   note_settings(env, info.settings());
   if (begins_anew) {
     env.id = info.header().sender().c_str();
     if (fresh) env.until_restart = false;
     env.invalid = 0;
-    env.in_force = env.waiting = env.busy = env.episodes_missing = false;
+    env.waiting = env.busy = env.episodes_missing = false;
     env.features.reset();
     env.acknowledged = 0;
-  } else if (commanded && info.settings() == env.settings.settings()) {
-    env.in_force = true;
+    env.settings_sender.begin(Clock::now());
+  } else if (info.settings() == env.settings.settings()) {
+    env.settings_sender.confirm();
   }
   join_or_refuse(env, begins_anew);
 }
@@ -239,9 +188,8 @@ void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
   EnvHandle*& first = first_[env.traversal()];
   if (!first || !first->usable()) first = &env;
   spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents",
-               env.settings.settings().version() == 0 ? "env_service" : "restarted env_service", env.id,
-               info.traversal().c_str(), info.dataset().c_str(), info.frames(), info.feature_dimension(),
-               info.agents());
+               env.commands() ? "restarted env_service" : "env_service", env.id, info.traversal().c_str(),
+               info.dataset().c_str(), info.frames(), info.feature_dimension(), info.agents());
   env.settings = msg::TaskSettings();
   if (records_) send_acknowledgement(env);
   if (joined) contain(env, [&] { joined(env); });
@@ -283,31 +231,6 @@ void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
   report_refusals();
 }
 
-/// Keeps an alarm for each env_service that is present and refused, that another policy_service has, that does not do
-/// as it is told, or whose pictures nobody encodes.
-void EnvClient::report_refusals() {
-  next_refusals_ = Clock::now() + kRefusalInterval;
-  for (const auto& [id, env] : envs_) {
-    std::string trouble;
-    const bool told = env->alive() && env->settings.settings().version() != 0;
-    if (env->alive() && !env->refusal.empty())
-      trouble = "is not used: " + env->refusal;
-    else if (env->alive() && env->lost())
-      trouble = "works for " +
-                (other_policy(*env).empty() ? "another policy_service" : "'" + other_policy(*env) + "'") +
-                "; this one waits until that one ends";
-    else if (told && env->settings.task_mode() != msg::IDLE && !answers_requests(*env) &&
-             (env->in_force ? !env->settings.by_reference() : Clock::now() - env->commanded > kAlarmDelay))
-      trouble =
-          "waits: encoder_service '" + env->info.encoder_service().to_string() + "', which encodes for it, is silent";
-    else if (told && !env->in_force && Clock::now() - env->unconfirmed > kAlarmDelay)
-      trouble = "does not confirm its settings";
-    if (trouble.empty() ? alarms_.erase(id) > 0
-                        : alarms_.contains(id) || (alarms_.size() < kMaxAlarms && alarms_.insert(id).second))
-      node_.alarm("env_service '" + id + "'", trouble);
-  }
-}
-
 /// Runs `call`, whose errors concern this env_service alone.
 void EnvClient::contain(EnvHandle& env, const std::function<void()>& call) {
   try {
@@ -317,71 +240,36 @@ void EnvClient::contain(EnvHandle& env, const std::function<void()>& call) {
   }
 }
 
-/// Notes which settings an env_service obeys by its message.
-void EnvClient::note_settings(EnvHandle& env, const msg::SettingsId& settings) {
-  env.obeys = settings.version() == 0 ? 0 : settings.incarnation();
-  if (settings.version() == 0 || settings.incarnation() == node_.incarnation()) {
-    env.heard_other = {};
-    return;
+/// Returns what keeps an env_service that is present from its part: it is refused, works for another policy_service,
+/// does not do as it is told, or nobody encodes its pictures. Empty when nothing does.
+std::string EnvClient::trouble_of(const EnvHandle& env) const {
+  const Clock::time_point now = Clock::now();
+  if (!env.alive()) return "";
+  if (!env.refusal.empty()) return "is not used: " + env.refusal;
+  if (env.lost()) {
+    const std::string other = other_policy(env);
+    return "works for " + (other.empty() ? "another policy_service" : "'" + other + "'") +
+           "; this one waits until that one ends";
   }
-  if (env.heard_other == Clock::time_point{}) env.heard_other = Clock::now();
-  env.in_force = false;
+  if (!env.commands()) return "";
+  if (env.settings.task_mode() != msg::IDLE && !answers_requests(env) &&
+      (env.in_force() ? !env.settings.by_reference() : now - env.commanded > kAlarmDelay))
+    return "waits: encoder_service '" + env.info.encoder_service().to_string() + "', which encodes for it, is silent";
+  return env.settings_sender.unconfirmed_for(now) > kAlarmDelay ? "does not confirm its settings" : "";
 }
 
-void EnvClient::on_observation(msg::Observation& observation) {
-  EnvHandle* env = speaking(observation.header());
-  if (!env) return;
-  note_settings(*env, observation.settings());
-  if (!env->refusal.empty()) {
-    rejections_.add(observation.header(), "an observation of an env_service that is not used");
-    return;
+/// Keeps an alarm for each env_service that has trouble.
+void EnvClient::report_refusals() {
+  next_refusals_ = Clock::now() + kRefusalInterval;
+  for (const auto& [id, env] : envs_) {
+    const std::string trouble = trouble_of(*env);
+    if (trouble.empty() ? alarms_.erase(id) > 0
+                        : alarms_.contains(id) || (alarms_.size() < kMaxAlarms && alarms_.insert(id).second))
+      node_.alarm("env_service '" + id + "'", trouble);
   }
-  // The encoder_service that this run knows will publish the same observation again, with features.
-  if (!observation.by_reference() && observation.encoder_incarnation() != env->info.encoder_incarnation()) return;
-  if (env->settings.settings().version() == 0 || observation.settings() != env->settings.settings()) {
-    ++node_.traffic.repeated;
-    return;
-  }
-  env->in_force = true;
-  if (observation.step() + 1 == env->next_step) {  // our answer was lost, or crossed this repetition
-    ++node_.traffic.repeated;
-    ++node_.traffic.resent;
-    node_.publish(env->last_action);
-    return;
-  }
-  if (observation.step() != env->next_step || env->waiting) {
-    ++node_.traffic.repeated;
-    return;
-  }
-  std::string wrong = validation_error(*env, observation);
-  if (wrong.empty() && observation.by_reference() && !complete(*env, observation)) wrong = "of frames without features";
-  if (!wrong.empty()) {
-    on_invalid(*env, observation.header(), wrong);
-    return;
-  }
-  env->invalid = 0;
-  env->waiting = true;
-  contain(*env, [&] {
-    if (decide && decide(*env, observation, choice_)) answer(*env, choice_);
-  });
 }
 
-void EnvClient::on_invalid(EnvHandle& env, const msg::Header& header, const std::string& wrong) {
-  rejections_.add(header, "an observation " + wrong);
-  if (++env.invalid >= kMaxInvalid) refuse(env, "sends observations " + wrong);
-}
-
-void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) {
-  msg::Action& action = env.last_action;
-  action.environment() = env.id.c_str();
-  action.environment_incarnation() = env.incarnation();
-  action.settings() = env.settings.settings();
-  action.step() = env.next_step;
-  action.choice() = choice;
-  env.waiting = false;
-  ++env.next_step;
-  node_.publish(action);
-}
+// Settings.
 
 void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   const bool idle = settings.task_mode() == msg::IDLE;
@@ -399,17 +287,105 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   const auto before = std::exchange(env.features, features);
   if (!idle && wants_observations_) node_.create_reader_at<msg::Observation>(env.id);
   env.settings = settings;
-  env.in_force = env.waiting = false;
+  env.waiting = false;
   env.next_step = 0;
-  env.commanded = env.unconfirmed = env.next_settings = Clock::now();
+  env.commanded = Clock::now();
+  env.settings_sender.begin(env.commanded);
   send_due_settings();
+}
+
+void EnvClient::send_due_settings() {
+  const Clock::time_point now = Clock::now();
+  for (const auto& [id, env] : envs_) {
+    if (!env->commands() || env->in_force()) continue;
+    CommandSender& sender = env->settings_sender;
+    const bool lacks_features = env->features && !env->features->complete();
+    if (lacks_features || !answers_requests(*env) || env->lost()) sender.hold(now);
+    if (sender.unconfirmed_for(now) > options_.patience)
+      refuse(*env, "does not confirm its settings");
+    else if (!lacks_features && sender.take_due(now))
+      node_.publish(env->settings);
+  }
+}
+
+/// Notes which settings an env_service obeys by its message.
+void EnvClient::note_settings(EnvHandle& env, const msg::SettingsId& settings) {
+  env.obeys = settings.version() == 0 ? 0 : settings.incarnation();
+  if (settings.version() == 0 || settings.incarnation() == node_.incarnation()) {
+    env.heard_other = {};
+    return;
+  }
+  if (env.heard_other == Clock::time_point{}) env.heard_other = Clock::now();
+  if (env.in_force()) env.settings_sender.begin(Clock::now());
+}
+
+// Observations.
+
+void EnvClient::on_observation(msg::Observation& observation) {
+  EnvHandle* env = speaking(observation.header());
+  if (!env) return;
+  note_settings(*env, observation.settings());
+  if (!env->refusal.empty()) {
+    rejections_.add(observation.header(), "an observation of an env_service that is not used");
+    return;
+  }
+  // The encoder_service that this run knows will publish the same observation again, with features.
+  if (!observation.by_reference() && observation.encoder_incarnation() != env->info.encoder_incarnation()) return;
+  if (!env->commands() || observation.settings() != env->settings.settings()) {
+    ++node_.traffic.repeated;
+    return;
+  }
+  env->settings_sender.confirm();
+  if (observation.step() + 1 == env->next_step) {  // our answer was lost, or crossed this repetition
+    ++node_.traffic.repeated;
+    ++node_.traffic.resent;
+    node_.publish(env->last_action);
+    return;
+  }
+  if (observation.step() != env->next_step || env->waiting) {
+    ++node_.traffic.repeated;
+    return;
+  }
+  if (const std::string wrong = check_and_complete(*env, observation); !wrong.empty()) {
+    rejections_.add(observation.header(), "an observation " + wrong);
+    if (++env->invalid >= kMaxInvalid) refuse(*env, "sends observations " + wrong);
+    return;
+  }
+  env->invalid = 0;
+  env->waiting = true;
+  contain(*env, [&] {
+    if (decide && decide(*env, observation, choice_)) answer(*env, choice_);
+  });
+}
+
+void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) {
+  msg::Action& action = env.last_action;
+  action.environment() = env.id.c_str();
+  action.environment_incarnation() = env.incarnation();
+  action.settings() = env.settings.settings();
+  action.step() = env.next_step;
+  action.choice() = choice;
+  env.waiting = false;
+  ++env.next_step;
+  node_.publish(action);
+}
+
+// Features.
+
+/// Returns whether the sender is an env_service, or the encoder_service that completed its announcement.
+bool EnvClient::serves_features(const msg::Header& header) const {
+  return std::any_of(envs_.begin(), envs_.end(), [&](const auto& entry) {
+    const msg::TraversalInfo& info = entry.second->info;
+    return (header.sender() == info.header().sender() && header.incarnation() == info.header().incarnation()) ||
+           (header.sender() == info.encoder_service() && header.incarnation() == info.encoder_incarnation());
+  });
 }
 
 /// Returns whether the service that has the features is alive: the env_service, or the encoder_service behind it.
 bool EnvClient::answers_requests(const EnvHandle& env) const {
   if (!env.alive()) return false;
   const std::uint64_t encoder = env.info.encoder_incarnation();
-  return encoder == 0 || encoders_.alive(encoder);
+  return encoder == 0 || !services_.id_of(encoder).empty();
 }
 
 void EnvClient::ask_for_features() {
@@ -423,57 +399,6 @@ void EnvClient::ask_for_features() {
       continue;
     }
     features_.ask(route, id);
-  }
-}
-
-void EnvClient::subscribe(bool observations, bool episodes) {
-  wants_observations_ = observations;
-  wants_episodes_ = episodes;
-  if (!observations)
-    for (const auto& [id, env] : envs_) node_.delete_reader_at<msg::Observation>(id);
-  episodes ? node_.create_reader<msg::EpisodeStat>() : node_.delete_reader_at<msg::EpisodeStat>("");
-}
-
-void EnvClient::send_due_settings() {
-  const Clock::time_point now = Clock::now();
-  for (const auto& [id, env] : envs_) {
-    if (env->in_force || env->settings.settings().version() == 0 || now < env->next_settings) continue;
-    if (!answers_requests(*env) || env->lost() || (env->features && !env->features->complete())) env->unconfirmed = now;
-    if (env->features && !env->features->complete()) continue;
-    if (now - env->unconfirmed > options_.patience) {
-      refuse(*env, "does not confirm its settings");
-      continue;
-    }
-    node_.publish(env->settings);
-    env->next_settings = now + kSettingsResend;
-  }
-}
-
-void EnvClient::acknowledge(EnvHandle& env, std::uint64_t episode) {
-  env.acknowledged = episode;
-  send_acknowledgement(env);
-}
-
-void EnvClient::send_acknowledgement(const EnvHandle& env, msg::ReaderState state) {
-  msg::EpisodeAcknowledgement acknowledgement;
-  acknowledgement.writer() = env.id.c_str();
-  acknowledgement.writer_incarnation() = env.incarnation();
-  acknowledgement.number() = env.acknowledged;
-  acknowledgement.state() = state;
-  node_.publish(acknowledgement);
-}
-
-void EnvClient::begin_recording() {
-  records_ = true;
-  for (const auto& [id, env] : envs_) acknowledge(*env, 0);
-}
-
-void EnvClient::end_recording() {
-  records_ = false;
-  for (const auto& [id, env] : envs_) {
-    send_acknowledgement(*env, env->episodes_missing ? msg::STOPS : msg::LEAVES);
-    if (env->alive() && env->episodes_missing)
-      spdlog::warn("episodes of env_service '{}' did not arrive: it keeps them until the run goes on (--resume)", id);
   }
 }
 
@@ -495,6 +420,36 @@ std::vector<float> EnvClient::fetch_features(EnvHandle& env, int first, int coun
   // The cache may hold more than was asked for.
   const float* begin = route->at(static_cast<std::uint32_t>(first));
   return {begin, begin + static_cast<std::size_t>(count) * route->dimension()};
+}
+
+// Episodes.
+
+void EnvClient::begin_recording() {
+  records_ = true;
+  for (const auto& [id, env] : envs_) acknowledge(*env, 0);
+}
+
+void EnvClient::acknowledge(EnvHandle& env, std::uint64_t episode) {
+  env.acknowledged = episode;
+  send_acknowledgement(env);
+}
+
+void EnvClient::send_acknowledgement(const EnvHandle& env, msg::ReaderState state) {
+  msg::EpisodeAcknowledgement acknowledgement;
+  acknowledgement.writer() = env.id.c_str();
+  acknowledgement.writer_incarnation() = env.incarnation();
+  acknowledgement.number() = env.acknowledged;
+  acknowledgement.state() = state;
+  node_.publish(acknowledgement);
+}
+
+void EnvClient::end_recording() {
+  records_ = false;
+  for (const auto& [id, env] : envs_) {
+    send_acknowledgement(*env, env->episodes_missing ? msg::STOPS : msg::LEAVES);
+    if (env->alive() && env->episodes_missing)
+      spdlog::warn("episodes of env_service '{}' did not arrive: it keeps them until the run goes on (--resume)", id);
+  }
 }
 
 }  // namespace citylearn

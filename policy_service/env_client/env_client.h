@@ -10,11 +10,10 @@
 
 #include "core/wire/node.h"
 #include "core/wire/rejections.h"
-#include "policy_service/env_client/encoder_monitor.h"
 #include "policy_service/env_client/env_client_options.h"
 #include "policy_service/env_client/env_handle.h"
 #include "policy_service/env_client/env_requirements.h"
-#include "policy_service/env_client/policy_monitor.h"
+#include "policy_service/env_client/service_monitor.h"
 
 namespace citylearn {
 
@@ -62,14 +61,14 @@ class EnvClient {
 
   /// Returns the id of the living policy_service that the env_service works for instead of this one; empty: of none.
   std::string other_policy(const EnvHandle& env) const;
-  /// Chooses what to receive; both unless set otherwise.
-  void subscribe(bool observations, bool episodes);
+  /// Begins or ends to receive observations, which is on unless set otherwise.
+  void receive_observations(bool wanted);
   /// Begin and end listening to an env_service, with attached_only.
   void attach(const std::string& id);
   void detach(const std::string& id);
 
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
-  const EncoderMonitor& encoders() const { return encoders_; }
+  const ServiceMonitor& services() const { return services_; }
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
   /// the wire. Throws Error when none arrives for `patience` (and refuses the env_service unless its encoder_service is
   /// gone), when the env_service is gone, or when the range does not lie on the traversal.
@@ -86,10 +85,10 @@ class EnvClient {
   void set_refusal(EnvHandle& env, const std::string& why);
   bool obeys_forged_settings(EnvHandle& env, const msg::TraversalInfo& info);
   void join_or_refuse(EnvHandle& env, bool fresh);
+  std::string trouble_of(const EnvHandle& env) const;
   void report_refusals();
   void contain(EnvHandle& env, const std::function<void()>& call);
   void on_observation(msg::Observation& observation);
-  void on_invalid(EnvHandle& env, const msg::Header& header, const std::string& wrong);
   bool answers_requests(const EnvHandle& env) const;
   void ask_for_features();
   void send_due_settings();
@@ -104,10 +103,9 @@ class EnvClient {
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
   std::map<std::string, EnvHandle*> first_;  ///< by traversal: its env_service that the others must agree with
   std::uint32_t version_ = 0;
-  bool wants_observations_ = true, wants_episodes_ = true, records_ = false;
+  bool wants_observations_ = true, records_ = false;
   Clock::time_point next_acknowledgements_{}, next_refusals_{};
-  EncoderMonitor encoders_;
-  PolicyMonitor policies_;
+  ServiceMonitor services_;
   // Messages, kept to use their memory again.
   msg::Observation observation_;
   msg::EpisodeStat episode_;

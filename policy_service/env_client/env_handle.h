@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "core/exchange/command.h"
 #include "core/exchange/incumbent.h"
 #include "core/exchange/message_order.h"
 #include "core/exchange/timing.h"
@@ -16,21 +17,19 @@ namespace citylearn {
 /// One env_service as a policy_service sees it.
 struct EnvHandle {
   std::string id;
-  msg::TraversalInfo info;            ///< of the running incarnation
-  msg::TaskSettings settings;         ///< those commanded last; version 0 = none
-  std::uint32_t given = 0;            ///< newest version of settings given to it, also before it was released
-  bool in_force = false;              ///< the env_service has confirmed the settings
-  std::uint64_t next_step = 0;        ///< step of the observation to be answered next, under `settings`
-  bool waiting = false;               ///< that observation has arrived and waits for answer()
-  MessageOrder order;                 ///< of its announcements
-  Incumbent presence;                 ///< which process it is, and when its last message arrived
-  msg::Action last_action;            ///< sent again when the observation it answers is repeated
-  Clock::time_point next_settings{};  ///< when the settings are sent again, while not in force
+  msg::TraversalInfo info;        ///< of the running incarnation
+  msg::TaskSettings settings;     ///< those commanded last; version 0 = none
+  std::uint32_t given = 0;        ///< newest version of settings given to it, also before it was released
+  std::uint64_t next_step = 0;    ///< step of the observation to be answered next, under `settings`
+  bool waiting = false;           ///< that observation has arrived and waits for answer()
+  MessageOrder order;             ///< of its announcements
+  Incumbent presence;             ///< which process it is, and when its last message arrived
+  msg::Action last_action;        ///< sent again when the observation it answers is repeated
+  CommandSender settings_sender;  ///< they are unconfirmed until a message of the env_service carries their id
   /// Features of the route, for observations by reference. The settings are sent once these are complete.
   std::shared_ptr<RouteFeatures> features;
   std::uint64_t obeys = 0;          ///< incarnation of the policy_service whose settings are in force; 0: none are
   Clock::time_point commanded{};    ///< when `settings` were given
-  Clock::time_point unconfirmed{};  ///< since when it could have confirmed them
   Clock::time_point heard_other{};  ///< since when it obeys another policy_service; the clock's epoch: it does not
   std::uint64_t acknowledged = 0;   ///< the last episode acknowledged; all before it are too
   bool episodes_missing = false;    ///< one did not arrive, though a later one did
@@ -39,19 +38,23 @@ struct EnvHandle {
   bool until_restart = false;       ///< it stays refused whatever it announces
   int invalid = 0;                  ///< invalid observations since the last valid one
 
+  /// Returns whether the env_service has confirmed the settings.
+  bool in_force() const { return commands() && !settings_sender.unconfirmed(); }
+  /// Returns whether it was given settings, and not released since.
+  bool commands() const { return settings.settings().version() != 0; }
   /// Returns whether it was heard lately.
   bool alive() const { return presence.here(Clock::now()); }
   /// Returns whether it was heard lately and is not refused.
   bool usable() const { return refusal.empty() && alive(); }
   /// Returns whether it obeys another policy_service, a second after settings of this one were sent to it.
   bool lost() const {
-    return settings.settings().version() != 0 && heard_other != Clock::time_point{} &&
+    return commands() && heard_other != Clock::time_point{} &&
            Clock::now() >= std::max(heard_other, commanded) + kObeysOther;
   }
   /// Forgets the settings, so that they are not sent again.
   void release() {
     settings = msg::TaskSettings();
-    in_force = waiting = false;
+    waiting = false;
     features.reset();
   }
   std::string traversal() const { return info.traversal().c_str(); }

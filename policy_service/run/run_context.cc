@@ -104,8 +104,8 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
       if (const std::string other = client.other_policy(*env); !other.empty())
         found += ", which works for '" + other + "'";
     }
-    const auto unencoded = client.encoders().unencoded();
-    const auto encoders = client.encoders().encoders();
+    const auto unencoded = client.services().unencoded();
+    const auto encoders = client.services().encoders();
     const bool encoding = !unencoded.empty() && std::any_of(encoders.begin(), encoders.end(),
                                                             [](const auto& encoder) { return encoder.working; });
     for (const auto& [id, traversal] : unencoded)
@@ -113,7 +113,7 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
                (encoding ? ", being encoded" : ", whose images wait for an encoder_service");
     found = found.empty() ? "none was found" : "found: " + found;
     for (const auto& encoder : encoders)
-      if (!unencoded.empty() && !encoder.working) found += "; " + encoder.status;
+      if (!unencoded.empty() && !encoder.working) found += "; " + encoder.id + ": " + encoder.activity;
     // Encoding may take longer than --wait, and reports its progress.
     if (encoding) since = Clock::now();
     if (options.wait > 0 && seconds_since(since) > options.wait)
@@ -124,7 +124,7 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
     if (Clock::now() > next_log) {
       if (!encoding) spdlog::info("waiting for env_services on {} ({})", missing, found);
       for (const auto& encoder : encoders)
-        if (encoding && encoder.working) spdlog::info("waiting for {}", encoder.status);
+        if (encoding && encoder.working) spdlog::info("waiting for {}: {}", encoder.id, encoder.activity);
       next_log += std::chrono::seconds(10);
     }
     node.report(msg::WAITING, "waiting for env_services");
@@ -189,12 +189,12 @@ void RunContext::leave() {
   msg::TaskSettings idle;
   idle.task_mode() = msg::IDLE;
   for (const auto& [id, env] : client.envs())
-    if (env->alive() && env->settings.settings().version() != 0) client.command(*env, idle);
+    if (env->alive() && env->commands()) client.command(*env, idle);
   const Clock::time_point begin = Clock::now();
   const auto awaited = [&](const auto& entry) {
     const EnvHandle& env = *entry.second;
-    const bool idle_soon = Clock::now() - begin < kReleaseTimeout && env.settings.settings().version() != 0;
-    return env.alive() && ((idle_soon && !env.in_force) || env.episodes_missing);
+    const bool idle_soon = Clock::now() - begin < kReleaseTimeout && env.commands();
+    return env.alive() && ((idle_soon && !env.in_force()) || env.episodes_missing);
   };
   // What did not arrive comes again: an env_service would drop the episodes, and this process ends with its figures.
   while (!stop_requested() && Clock::now() - begin < kLinger &&

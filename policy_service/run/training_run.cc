@@ -343,9 +343,9 @@ std::string LearnerRun::actors_note() const {
 }
 
 std::optional<double> LearnerRun::evaluate_others() {
-  context_.client.subscribe(/*observations=*/true, /*episodes=*/true);
+  context_.client.receive_observations(true);
   const std::optional<double> spl = TrainingRun::evaluate_others();
-  context_.client.subscribe(/*observations=*/false, /*episodes=*/true);
+  context_.client.receive_observations(false);
   return spl;
 }
 
@@ -357,7 +357,7 @@ void LearnerRun::train() {
   options.run_id = context_.records.run_id();
   server_ = std::make_unique<LearnerServer>(context_.node, context_.client, *trainer_, options);
   context_.on_spin = [this] { server_->handle(); };
-  context_.client.subscribe(/*observations=*/false, /*episodes=*/true);
+  context_.client.receive_observations(false);
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);
   bool computing = false;  // by a caller that waits for messages no longer than compute() does
   while (!ended()) {
@@ -402,7 +402,7 @@ void LearnerRun::dismiss_actors() {
   server_->end();
   const Clock::time_point deadline = Clock::now() + kDismiss;
   while (!server_->released() && Clock::now() < deadline) context_.spin();
-  context_.client.subscribe(/*observations=*/true, /*episodes=*/true);
+  context_.client.receive_observations(true);
 }
 
 }  // namespace citylearn

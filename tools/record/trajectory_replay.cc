@@ -67,13 +67,12 @@ void TrajectoryReplay::require_fits(const msg::Trajectory& trajectory) const {
 /// Appends the next recorded trajectory. Returns false when there is none left.
 bool TrajectoryReplay::fetch() {
   const Topic& topic = topic_of<msg::Trajectory>();
-  while (!read_all_) {
-    std::optional<McapMessage> message;
-    if (reader_) message = reader_->next();
+  while (reader_ || files_opened_ < files_.size()) {
+    if (!reader_) reader_ = std::make_unique<McapReader>(files_[files_opened_++]);
+    const std::optional<McapMessage> message = reader_->next();
     if (!message) {
-      if (reader_ && !reader_->missing().empty()) spdlog::warn("{}: {}", reader_->path(), reader_->missing());
-      read_all_ = files_opened_ == files_.size();
-      if (!read_all_) reader_ = std::make_unique<McapReader>(files_[files_opened_++]);
+      if (!reader_->missing().empty()) spdlog::warn("{}: {}", reader_->path(), reader_->missing());
+      reader_.reset();
       continue;
     }
     if (message->channel->topic != topic.name || message->channel->type != topic.type) continue;

@@ -45,7 +45,6 @@ class TrajectoryReplay {
   const std::vector<std::string> files_;
   std::size_t files_opened_ = 0;
   std::unique_ptr<McapReader> reader_;
-  bool read_all_ = false;
   std::set<std::tuple<std::string, std::uint64_t, std::uint64_t, std::uint64_t>> seen_;  // sent twice when recorded
 
   Incumbent learner_;

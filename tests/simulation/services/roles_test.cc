@@ -7,6 +7,7 @@
 
 #include "core/wire/node.h"
 #include "tests/support/processes/learning.h"
+#include "tests/support/records/witness.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -167,6 +168,35 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
   EXPECT_EQ(learner->wait(kWholeRun), 0) << learner->output();
   EXPECT_FALSE(actor->wait(milliseconds(1)).has_value()) << "it stays";
   EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130);
+}
+
+TEST(Actor, ALateOrderToServeDoesNotUndoARelease) {
+  Trial trial("simulated");
+  Witness witness("simulated", trial.domain());
+  Node learner({trial.middleware(), "policy_service", "learner", "default"});
+  const auto actor = trial.policy({"--role", "actor", "--id", "actor"});
+  msg::LearnerInfo info;
+  info.training() = true;
+  info.frames() = info.lesson_frames() = 2;
+  info.steps() = info.window() = 1;
+  ASSERT_TRUE(witness.until([&] { return witness.incarnation("actor") != 0; }, kShortWait)) << actor->output();
+  learner.publish(info);
+  ASSERT_TRUE(actor->says("learner 'learner'", kShortWait)) << actor->output();
+  msg::Assignment order;
+  order.actor() = "actor";
+  order.actor_incarnation() = witness.incarnation("actor");
+  const auto give = [&](const char* env, bool serve) {
+    order.environment() = env;
+    order.serve() = serve;
+    learner.publish(order);
+    return actor->says((serve ? "assigns env_service '" : "releases env_service '") + std::string(env), kShortWait);
+  };
+  ASSERT_TRUE(give("summer", true)) << actor->output();
+  const msg::Assignment late = order;
+  ASSERT_TRUE(give("summer", false)) << actor->output();
+  learner.forward(late);
+  ASSERT_TRUE(give("winter", true)) << "each env_service has an order of its own\n" << actor->output();
+  EXPECT_EQ(occurrences(actor->output(), "assigns env_service 'summer'"), 1) << actor->output();
 }
 
 TEST(Roles, ALearnerSaysWhenItsUpdatesAreTooSmallForItsActors) {

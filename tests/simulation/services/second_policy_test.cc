@@ -3,6 +3,7 @@
 // asleep is taken back.
 #include <gtest/gtest.h>
 
+#include "core/exchange/timing.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/witness.h"
 #include "tests/support/text.h"
@@ -13,7 +14,8 @@ namespace {
 class SecondPolicy : public ::testing::Test {
  protected:
   SecondPolicy() : witness_("simulated", trial_.domain()) {
-    policy_ = trial_.policy({"--agent", "place_filter", "--steps", "100000000"});
+    // One that begins anew at no checkpoint: it gives settings once.
+    policy_ = trial_.policy({"--agent", "place_filter", "--steps", "100000000", "--checkpoint-every", "1000000"});
   }
   bool trains() {
     const std::uint64_t updates = witness_.updates;
@@ -71,6 +73,9 @@ TEST_F(SecondPolicy, WaitsUntilTheFirstHasEnded) {
 
 TEST_F(SecondPolicy, TheFirstTakesBackWhatItLostWhileItSlept) {
   ASSERT_TRUE(trains()) << policy_->output();
+  // Longer than settings may remain unconfirmed: they were confirmed long ago.
+  const Clock::time_point end = Clock::now() + kCommandGiveUp;
+  ASSERT_TRUE(witness_.until([&] { return Clock::now() > end; }, 2 * kCommandGiveUp)) << policy_->output();
   policy_->send(SIGSTOP);
   const auto second = evaluate({"--tasks", "1000000"});
   ASSERT_TRUE(witness_.until([&] { return witness_.status["second"].service_state() == msg::RUNNING; }, seconds(30)))

@@ -152,6 +152,42 @@ TEST(Replay, AnEpisodeThatWasNotRecordedHoldsNobodyUp) {
             "'dashboard' has not recorded episode 11 of 'env-summer' and is not waited for any more");
 }
 
+/// 300 episodes as they may be recorded of an env_service that keeps the last 20: each pair the wrong way round, 20, 30
+/// and so on to 290 twice, but 10 not at all and 50 after all others.
+void write_disorder(const std::string& path) {
+  Tape tape(path);
+  const auto say = [&](std::uint64_t number) {
+    msg::EpisodeStat stat = episode(number);
+    stat.log().first(number > 20 ? number - 20 : 1);
+    tape.say(stat, kStart);
+  };
+  for (std::uint64_t pair = 1; pair <= 299; pair += 2) {
+    for (const std::uint64_t number : {pair + 1, pair})
+      if (number != 10 && number != 50) say(number);
+    if (pair > 20 && pair % 10 == 1 && pair != 51) say(pair - 1);
+  }
+  say(50);
+  tape.writer.close();
+}
+
+TEST(Replay, RecordsThatAreMissingLateOrThereTwiceAreRecordedOnce) {
+  const Folder folder;
+  write_disorder(folder / "a.mcap");
+  std::uint32_t domain = 44;
+  for (const std::string name : {"inprocess", "lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:inprocess"}) {
+    const auto wire = middleware(++domain, name);
+    const std::string file = folder / std::to_string(domain) + ".sqlite";
+    Watcher watcher(domain, file);
+    Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+    ASSERT_TRUE(play(*wire, replayer, &watcher));
+    EXPECT_EQ(count(file, "episodes"), 299);
+    EXPECT_EQ(count(file, "episodes WHERE episode = 50"), 1);
+    EXPECT_EQ(watcher.store.recorded_up_to(Sender("demo", "env-summer", 7)), 300u) << "the tenth never comes";
+    EXPECT_EQ(replayer.figures().played.at("citylearn/episode_stat"), 299u + 27);
+    EXPECT_EQ(replayer.figures().remarks, std::vector<std::string>());
+  }
+}
+
 TEST(Replay, GoesOnWhereNobodyListensAndIntoTheNextFile) {
   const Folder folder;
   write_run(folder / "a.mcap", 5, 5);

@@ -110,8 +110,8 @@ class ScriptedLearner {
 /// A dashboard without a page: hands on what it takes.
 class Dashboard {
  public:
-  Dashboard(const Node::Options& options, const Store::Options& store_options, Recorder::Options recorder_options = {})
-      : node(options), store(store_options), recorder(node, store, recorder_options) {
+  Dashboard(const Node::Options& options, const Store::Options& store_options)
+      : node(options), store(store_options), recorder(node, store, milliseconds(50)) {
     node.create_reader<msg::ServiceStatus>();
     node.create_reader<msg::TraversalInfo>();
     node.create_reader<msg::RunInfo>();
@@ -148,15 +148,10 @@ class RecorderTest : public ::testing::Test {
  protected:
   Folder folder_;
   Store::Options store_options_;
-  Recorder::Options hasty_;
 
-  RecorderTest() {
-    store_options_.path = folder_ / "dashboard.sqlite";
-    hasty_.retry_after = milliseconds(50);
-  }
+  RecorderTest() { store_options_.path = folder_ / "dashboard.sqlite"; }
   std::unique_ptr<Dashboard> make_dashboard(const std::string& middleware = "inprocess") {
-    return std::make_unique<Dashboard>(recorder_node_options(middleware, "dashboard", "dashboard"), store_options_,
-                                       hasty_);
+    return std::make_unique<Dashboard>(recorder_node_options(middleware, "dashboard", "dashboard"), store_options_);
   }
   std::int64_t number(const std::string& sql) { return open_database(store_options_.path).execAndGet(sql).getInt64(); }
   template <class... Parties>

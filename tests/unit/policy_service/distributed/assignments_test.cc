@@ -5,11 +5,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <utility>
 
 namespace citylearn::testing {
 namespace {
 
-/// Env_services and actors that do at once what they are told.
+/// Env_services and actors that do at once what they are told. Between two divisions all that is open comes again.
 class Run : public ::testing::Test {
  protected:
   void env(const std::string& id) { envs_.push_back({id, ++incarnation_, false}); }
@@ -20,7 +21,7 @@ class Run : public ::testing::Test {
   Assignments::Actor& of(const std::string& id) {
     return *std::find_if(actors_.begin(), actors_.end(), [&](const auto& actor) { return actor.id == id; });
   }
-  std::vector<Assignments::Order> divide() { return assignments_.divide(envs_, actors_); }
+  std::vector<Assignments::Order> divide() { return assignments_.divide(envs_, actors_, now_ += kCommandResendMax); }
   /// Divides and obeys until nothing is left to be told; returns how many orders that took.
   int settle() {
     int orders = 0;
@@ -49,6 +50,7 @@ class Run : public ::testing::Test {
   std::vector<Assignments::Env> envs_;
   std::vector<Assignments::Actor> actors_;
   std::uint64_t incarnation_ = 100;
+  Clock::time_point now_ = Clock::now();
 };
 using AssignmentsTest = Run;
 using Loads = std::vector<std::size_t>;
@@ -116,10 +118,29 @@ TEST_F(AssignmentsTest, WhatAnActorLeavesOrNeverBeginsGoesToAnother) {
   const auto orders = divide();
   ASSERT_EQ(orders.size(), 1u);
   EXPECT_NE(orders[0].actor, first);
-  std::string next;
-  for (int call = 0; call < 400 && next.empty(); ++call)  // that one does not begin
-    if (const auto now = divide(); now.front().actor == first) next = first;
-  EXPECT_EQ(next, first);
+  // That one does not begin. It is told again, however seldom the learner has time to.
+  const Clock::time_point given = now_;
+  std::string last = orders[0].actor;
+  while (last != first && now_ < given + 2 * kCommandGiveUp)
+    if (const auto again = divide(); !again.empty()) last = again.front().actor;
+  EXPECT_EQ(last, first);
+  EXPECT_EQ(now_ - given, kCommandGiveUp + kCommandResendMax);
+}
+
+TEST_F(AssignmentsTest, AnOrderIsSentAgainLessAndLessOften) {
+  env("one");
+  actor("a");
+  std::vector<Clock::duration> intervals;
+  Clock::time_point last = now_;
+  for (const Clock::time_point end = now_ + 5 * kCommandResendMax; now_ < end; now_ += kCommandResend)
+    if (!assignments_.divide(envs_, actors_, now_).empty()) intervals.push_back(now_ - std::exchange(last, now_));
+  ASSERT_GE(intervals.size(), 8u);
+  EXPECT_EQ(intervals[0], Clock::duration()) << "at once";
+  EXPECT_EQ(intervals[1], kCommandResend);
+  EXPECT_EQ(intervals[2], 2 * kCommandResend);
+  EXPECT_EQ(intervals.back(), kCommandResendMax);
+  of("a").serves = {101};
+  EXPECT_TRUE(divide().empty()) << "until it is confirmed";
 }
 
 }  // namespace
