@@ -25,7 +25,7 @@ constexpr milliseconds kPollInterval{5};      // between looks at what has come,
 constexpr milliseconds kIdleInterval{100};    // likewise, while nothing is
 constexpr std::chrono::seconds kTroubleDelay{3};
 constexpr std::chrono::seconds kStatusInterval{1};
-constexpr double kMaxPlacesAway = 10;  // times the distance between places
+constexpr double kMaxPlacesAway = 10;  // times the distance between places, without --off-route
 
 RobotOptions named(RobotOptions options) {
   if (options.topics.position.empty())
@@ -63,6 +63,7 @@ Robot::Robot(const RobotOptions& options, const std::string& name, const Middlew
   if (gaps.empty()) throw Error("all of its places are the same", "traversal '" + taught.name + "'");
   std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2), gaps.end());
   spacing_ = gaps[gaps.size() / 2];
+  max_away_ = options_.off_route > 0 ? options_.off_route : kMaxPlacesAway * spacing_;
   ros_.advertise<Twist>(options_.cmd_vel);
   ros_.advertise<Command>(options_.command);
   if (options_.goal.empty()) return;
@@ -136,7 +137,7 @@ std::optional<Sighting> Robot::poll(Clock::time_point now) {
   if (doing_ == Doing::kDriving && now >= until_) look();
   if (doing_ == Doing::kLooking && has_picture() && has_position()) {
     const auto [place, metres] = nearest_place(*senses_.position());
-    if (metres <= kMaxPlacesAway * spacing_) {
+    if (metres <= max_away_) {
       off_route_ = 0;
       doing_ = Doing::kNothing;
       return Sighting{place, images_.add(senses_.picture()->file)};
@@ -167,7 +168,7 @@ std::vector<int> Robot::take_goals() {
     if (!goal.frame.empty() && !senses_.frame().empty() && goal.frame != senses_.frame())
       return refuse_goal("it is in frame '" + goal.frame + "', the robot's position in '" + senses_.frame() + "'");
     const auto [place, metres] = nearest_place(goal);
-    if (metres > kMaxPlacesAway * spacing_)
+    if (metres > max_away_)
       return refuse_goal(fmt::format("it is {:.0f} m from the nearest place that was taught", metres));
     places.push_back(place);
   });

@@ -77,6 +77,7 @@ class Robot {
   std::optional<PositionTopic> goals_;
   const std::vector<double>&x_, &y_;  // of the places, as positions come
   double spacing_ = 0;                // metres between places, median
+  double max_away_ = 0;               // metres from the nearest place at which it still drives
   double off_route_ = 0;              // metres from the nearest place, when that became far; else 0
 
   std::string status_;

@@ -53,6 +53,11 @@ void add_robot_options(CLI::App& app, RobotOptions& robot, const std::string& gr
                  "Seconds after a stop until the camera's pictures show where the robot stands")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 10.0));
+  app.add_option("--off-route", robot.off_route,
+                 "Metres from the nearest place beyond which the robot stands and goals are refused; 0: ten times the "
+                 "distance between places")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
 }
 
 }  // namespace citylearn

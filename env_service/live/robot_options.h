@@ -35,6 +35,8 @@ struct RobotOptions {
   std::string command = "/citylearn/command";  ///< --command: std_msgs/UInt8, once a step: 0 stay, 1 next, 2 previous
   double speed = 0.5;                          ///< --speed, m/s: a step drives for as long as its distance takes
   double settle = 0.1;  ///< --settle, seconds: what the camera took this long after the robot stopped is sharp
+  double off_route =
+      0;  ///< --off-route, metres from the nearest place: farther away it stands; 0: ten places' distance
 };
 
 /// Adds the options of RobotTopics and those of ROS 2's side.

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <map>
 #include <optional>
+#include <tuple>
 
 #include "core/command_line/wrap.h"
 
@@ -17,13 +18,15 @@ namespace {
 constexpr double kSplTolerance = 0.02;
 // From here on we say that an agent finds its way, and that a control shows a task to be possible.
 constexpr double kGoodSpl = 0.9;
+// Percent of its tasks that shortest_path completes at least where the step limit suffices.
+constexpr double kMostCompleted = 95;
 
-/// SPL by policy and traversal.
+/// A figure by policy and traversal.
 using Table = std::map<std::string, std::map<std::string, double>>;
 
-Table table_of(const std::vector<ScoreRow>& rows) {
+Table table_of(const std::vector<ScoreRow>& rows, double Score::*figure = &Score::spl, double unit = 1) {
   Table result;
-  for (const ScoreRow& row : rows) result[row.policy][row.traversal] = row.score.spl;
+  for (const ScoreRow& row : rows) result[row.policy][row.traversal] = unit * (row.score.*figure);
   return result;
 }
 
@@ -49,12 +52,14 @@ std::vector<std::string> names(const std::vector<ScoreRow>& rows, std::string Sc
 }
 
 enum class Fault { kNone, kBlind, kFilter, kPart };
-enum class Cause { kUnknown, kAlike, kChanged, kAgent };
+enum class Cause { kUnknown, kSteps, kPairs, kAlike, kChanged, kAgent };
 
 /// Traversals on which the same can be said of an agent, with the SPL of each.
 struct Group {
   std::vector<std::string> traversals;
   std::vector<double> own, blind, filter, oracle;
+  std::vector<double> shortest_completed;  // percent of tasks
+  std::vector<double> apart;               // places
 };
 
 Fault fault_of(double own, std::optional<double> blind, std::optional<double> filter) {
@@ -63,21 +68,25 @@ Fault fault_of(double own, std::optional<double> blind, std::optional<double> fi
   return own < kGoodSpl ? Fault::kPart : Fault::kNone;
 }
 
-Cause cause_of(std::optional<double> filter, std::optional<double> oracle) {
+Cause cause_of(std::optional<double> filter, std::optional<double> oracle, std::optional<double> shortest_completed,
+               int apart) {
+  if (shortest_completed && *shortest_completed < kMostCompleted) return Cause::kSteps;
+  if (apart > 0) return Cause::kPairs;
   if (oracle && *oracle < kGoodSpl) return Cause::kAlike;
   if (filter && *filter >= kGoodSpl) return Cause::kAgent;
   return oracle && filter ? Cause::kChanged : Cause::kUnknown;
 }
 
 /// Returns "0.970", or "0.969 to 1.000".
-std::string range(const std::vector<double>& values) {
+std::string range(const std::vector<double>& values, int digits = 3) {
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
-  const std::string from = fmt::format("{:.3f}", *low), to = fmt::format("{:.3f}", *high);
+  const std::string from = fmt::format("{:.{}f}", *low, digits), to = fmt::format("{:.{}f}", *high, digits);
   return from == to ? from : from + " to " + to;
 }
 
-std::string sentence(const std::string& agent, Fault fault, const Group& group) {
-  const std::string where = fmt::format("{}", fmt::join(group.traversals, ", ")), own = range(group.own);
+std::string sentence(const std::string& agent, Fault fault, const Group& group, bool trained) {
+  const std::string own = range(group.own);
+  const std::string where = fmt::format("{}{}", fmt::join(group.traversals, ", "), trained ? ", where it trained" : "");
   switch (fault) {
     case Fault::kNone:
       return fmt::format("{} finds its way in {} (SPL {}).", agent, where, own);
@@ -98,6 +107,16 @@ std::string advice(Cause cause, const Group& group) {
   switch (cause) {
     case Cause::kUnknown:
       return "";
+    case Cause::kSteps:
+      return fmt::format(
+          "The step limit is too low: shortest_path, which sees its position, reaches {} % of its goals. Raise "
+          "--max-steps, or leave it out.",
+          range(group.shortest_completed, 0));
+    case Cause::kPairs:
+      return fmt::format(
+          "The pairs are wrong there: by what they show, frames of one index are about {} places apart. Tell which "
+          "frames show the same place (--align-by, or DIR/matches.csv).",
+          range(group.apart, 0));
     case Cause::kAlike:
       return fmt::format(
           "Places look alike there: oracle_filter, which was given the very frames, reaches {}. Try an encoder with "
@@ -145,10 +164,10 @@ std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& ro
   return text;
 }
 
-std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows) {
-  const Table table = table_of(rows);
+std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows, const VerdictOptions& options) {
+  const Table table = table_of(rows), completed = table_of(rows, &Score::completed, 100);
   if (table.size() < 2) return "";
-  std::map<std::pair<Fault, Cause>, Group> groups;
+  std::map<std::tuple<bool, Fault, Cause>, Group> groups;
   bool looks = true;
   for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
     const auto own = find(table, agent, traversal), shuffled = find(table, "shuffled", traversal);
@@ -156,18 +175,27 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows)
     const auto blind = agent == "blind" ? std::nullopt : find(table, "blind", traversal);
     const auto filter = find(table, "sequence_filter", traversal), oracle = find(table, "oracle_filter", traversal);
     if (shuffled && *shuffled >= *own - kSplTolerance) looks = false;
+    const auto shortest = find(completed, "shortest_path", traversal);
     const Fault fault = fault_of(*own, blind, filter);
-    Group& group = groups[{fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle)}];
+    const bool trained =
+        std::find(options.trained_on.begin(), options.trained_on.end(), traversal) != options.trained_on.end();
+    const auto pairs = options.places_apart.find(traversal);
+    const int apart = pairs == options.places_apart.end() ? 0 : pairs->second;
+    Group& group =
+        groups[{trained, fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, apart)}];
     group.traversals.push_back(traversal);
     group.own.push_back(*own);
     if (blind) group.blind.push_back(*blind);
     if (filter) group.filter.push_back(*filter);
     if (oracle) group.oracle.push_back(*oracle);
+    if (apart > 0) group.apart.push_back(apart);
+    if (shortest) group.shortest_completed.push_back(*shortest);
   }
   std::string text;
   for (const auto& [kind, group] : groups) {
-    text += wrapped(sentence(agent, kind.first, group)) + "\n";
-    if (const std::string what = advice(kind.second, group); !what.empty()) text += "  " + wrapped(what, 2) + "\n";
+    const auto [trained, fault, cause] = kind;
+    text += wrapped(sentence(agent, fault, group, trained)) + "\n";
+    if (const std::string what = advice(cause, group); !what.empty()) text += "  " + wrapped(what, 2) + "\n";
   }
   if (!looks) text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";
   return text;

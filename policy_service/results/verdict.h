@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -12,9 +13,15 @@ namespace citylearn {
 /// columns wide with the names of the controls and a traversal of up to 20 letters.
 std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& rows);
 
+/// What a verdict knows beside SPL.
+struct VerdictOptions {
+  std::vector<std::string> trained_on;      ///< traversals; success there shows nothing about others
+  std::map<std::string, int> places_apart;  ///< by traversal, as places_apart() of it and the one trained on
+};
+
 /// Returns, in words, how the agent does on each traversal compared with the controls among `rows`, why it fails as far
 /// as the controls tell, and what to try. Each line ends with a line break. Empty when there are no rows of others to
 /// compare with.
-std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows);
+std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows, const VerdictOptions& options = {});
 
 }  // namespace citylearn

@@ -8,6 +8,7 @@
 #include "core/exchange/timing.h"
 #include "policy_service/interchange/safetensors.h"
 #include "policy_service/network/checkpoint.h"
+#include "policy_service/results/pairing.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 
@@ -44,11 +45,13 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
     return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
   }
   std::map<std::string, ControlTask> tasks;
+  const Matrix<float> taught = context_.reference();
   for (const EnvHandle* env : context_.evaluation_envs()) {
     const std::vector<float>& features = context_.features_on(env->traversal());
     ControlTask& task = tasks.emplace(env->traversal(), route).first->second;
     task.reference = Eigen::Map<const Matrix<float>>(
         features.data(), static_cast<std::ptrdiff_t>(features.size()) / route.frames, route.frames);
+    places_apart_[env->traversal()] = citylearn::places_apart(taught, task.reference);
   }
   return
       [&entry, parameters, tasks](const EnvHandle& env) { return entry.create(parameters, tasks.at(env.traversal())); };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -31,6 +32,8 @@ class EvaluationRun {
   /// Evaluates the agent, or the control in its place where there is none, and the controls.
   void evaluate_all();
   const std::vector<ScoreRow>& rows() const { return rows_; }
+  /// Returns by how many places each traversal's pairs with the one trained on are wrong, if oracle_filter was asked.
+  const std::map<std::string, int>& places_apart() const { return places_apart_; }
 
  private:
   std::string gather_envs(Evaluation& evaluation, const std::string& label);
@@ -42,6 +45,7 @@ class EvaluationRun {
   RunContext& context_;
   std::optional<TrainedAgent> agent_;
   std::vector<ScoreRow> rows_;
+  std::map<std::string, int> places_apart_;
 };
 
 }  // namespace citylearn

@@ -96,6 +96,28 @@ TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
 }
 
+// b is driven twice as fast as a: its frame i shows the place of frame 2i. By index it has no more than 100 places.
+TEST(Demo, SaysWhatItChoseAndTakesWhatIsAsked) {
+  Folder data;
+  for (const auto& [name, frames] : {std::pair{"a", 200}, {"b", 100}}) {
+    std::string table, poses = "metres\n";
+    for (int place = 0; place < 200; place += 200 / frames) {
+      table += std::to_string(std::cos(place)) + "," + std::to_string(std::sin(place)) + "\n";
+      poses += std::to_string(place) + "\n";
+    }
+    make_file(data / (std::string(name) + ".csv"), table);
+    make_file(data / (std::string(name) + ".poses.csv"), poses);
+  }
+  Demo demo({"--data", data.path(), "--align-by", "distance", "--align-within=2", "--steps", "1024", "--tasks", "4",
+             "--agent", "features", "--controls", "blind", "--no-dashboard"},
+            own_domain(), {});
+  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
+  for (const char* said : {"trains on 'a', as no traversal is called summer", "first 128 of the 200 frames of 'a'",
+                           "in a, where it trained", "\nb "})
+    EXPECT_TRUE(contains(demo->output(), said)) << said << demo->output();
+  EXPECT_FALSE(contains(demo->output(), "sequence")) << demo->output();
+}
+
 // A drive whose only camera is not the default one, and shorter than the defaults.
 TEST(Demo, TakesParametersOfDatasetsAndEncodersAndAShortRoute) {
   Folder data;

@@ -12,11 +12,15 @@ What it runs on
                        DIR/NAME.csv, one frame a row (default: a drawn city)
   --dataset NAME       format of DIR (default: what "$COMMAND data check"
                        recognises); "$COMMAND data list" shows all
-  --train A[,B]        traversal to train on (default summer); A,B trains on
-                       both, as experiences of the route of A
+  --train A[,B]        traversal to train on (default summer, or else the first
+                       by name); A,B trains on both, as experiences of the
+                       route of A
   --evaluate A,B       traversals to evaluate on (default all)
   --frames FIRST:END   part of the route to use, 0-based, half open (default
                        0:128, or all of a shorter route)
+  --align-by HOW       how to find the same places in other recordings: index,
+                       matches, distance or gps (default: as the dataset
+                       suggests); --align-within METRES is for the last two
   --encoder NAME       how images become features (default hog_vlad);
                        "$COMMAND encoder --list" shows all. Options of the
                        encoder may follow: --dimension --centring --whitening
@@ -182,7 +186,7 @@ after_demo() {
 
 demo() {
   local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
-  local plugins=''
+  local plugins='' aligning=()
   local dashboard=yes port=0 wait=yes asked=("$@")
   while [ $# -gt 0 ]; do
     case $1 in
@@ -196,6 +200,10 @@ demo() {
         encoding+=("$1" "$2"); shift 2 ;;
       --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--head=*|--store=*)
         encoding+=("$1"); shift ;;
+      --align-by|--align-within)
+        [ $# -ge 2 ] || fail "$1 needs a value"
+        aligning+=("$1" "$2"); shift 2 ;;
+      --align-by=*|--align-within=*) aligning+=("$1"); shift ;;
       --plugin)
         [ $# -ge 2 ] || fail "$1 needs a value"
         plugins+=$2,; shift 2 ;;
@@ -248,7 +256,10 @@ demo() {
     pass=("${rest[@]}")
   fi
   local known; known=$("$env" "${source[@]}" --list-traversals) || exit 1
-  [ -n "$train" ] || train=$(grep -x summer <<<"$known" || head -n 1 <<<"$known")
+  if [ -z "$train" ]; then
+    train=$(grep -x summer <<<"$known" || head -n 1 <<<"$known")
+    [ "$train" = summer ] || say "$NAME: trains on '$train', as no traversal is called summer; --train takes another"
+  fi
   local route=${train%%,*}   # the others are aligned to it, and the encoder learns from it
   # As many agents as the chosen agent trains best with; it says so itself, and complains of options it does not know.
   local agents; agents=$("$policy" "${pass[@]}" --show-config) || exit 1
@@ -256,12 +267,15 @@ demo() {
   agents=${agents:-16}   # with --mode evaluate any number will do
   # Sets `dataset`, `kind` (whether it has images, yes or no) and `length` of the traversal $1.
   look_at() {
-    local shown; shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" --show) || return 1
+    local shown same=()
+    [ "$1" = "$route" ] || [ ${#aligning[@]} -eq 0 ] || same=(--align-to "$route" "${aligning[@]}")
+    shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" "${same[@]}" --show) || return 1
     dataset=$(sed -n 's/^dataset //p' <<<"$shown")
     kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
   }
   local kind length; look_at "$route" || exit 1
-  local images=$kind shortest=$length name
+  local images=$kind whole=$length shortest=$length name
+  [ -n "$frames" ] || [ ${#aligning[@]} -eq 0 ] || part=(--frames "0:$((length < count ? length : count))")
   if [ -z "$frames" ] || [ -z "$evaluate" ]; then
     local all=${evaluate:+$train,$evaluate} given=$evaluate
     all=${all//,/$'\n'}
@@ -280,14 +294,17 @@ demo() {
   if [ -z "$frames" ] && [ "$shortest" -lt "$count" ]; then
     count=$shortest
     say "$NAME: the shortest traversal has $count frames: --frames is 0:$count instead of 0:128"
+  elif [ -z "$frames" ] && [ -n "$data" ] && [ "$whole" -gt "$count" ]; then
+    say "$NAME: takes the first $count of the $whole frames of '$route'; --frames takes another part, or more"
   fi
   local aligned=$images   # frames of equal index in tables of features show the same place already
-  [[ $dataset =~ ^(plain|synthetic)$ ]] || aligned=yes
+  [[ $dataset =~ ^(plain|synthetic)$ && ${#aligning[@]} -eq 0 ]] || aligned=yes
   # No more pictures, and no more places to align, than the agents will see.
   [ "$aligned" = no ] || [ ${#part[@]} -gt 0 ] || part=(--frames "0:$count")
   if [ "$images" = yes ]; then
     "$encoder" "${encoding[@]}" --list >/dev/null || exit 1
   fi
+  [[ " ${pass[*]}" == *' --controls'* ]] || pass+=(--controls all)
   local domain wire traversal
   open_run
   repeatable "${asked[@]}" >"$output/demo.words"
@@ -302,14 +319,14 @@ demo() {
   fi
   while IFS= read -r traversal; do
     local align=() hosted=$agents
-    [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route")
+    [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route" "${aligning[@]}")
     # What is evaluated is the same for any number of agents, and with more of them a step costs less on the wire.
     [[ ,$train, == *",$traversal,"* ]] || hosted=$((agents < 32 ? 32 : agents))
     start "env-$traversal" \
       "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" --agents "$hosted" "${recorders[@]}"
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
   [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" --reference "$route" "${encoding[@]}"
-  "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --controls all --wait 60 \
+  "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --wait 60 \
     --output "$output" "${pass[@]}" &
   running[policy_service]=$!
 

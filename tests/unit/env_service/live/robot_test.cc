@@ -458,6 +458,17 @@ TEST_F(RobotTest, FarFromItsRouteItStandsAndSaysSo) {
   EXPECT_EQ(robot.trouble(Clock::now() + seconds(4)), "");
 }
 
+TEST_F(RobotTest, HowFarItMayBeFromItsRouteCanBeSaid) {
+  RobotOptions near = options();
+  near.off_route = 5;
+  Robot robot = make(near);
+  robot.look();
+  send_picture(10, file_);
+  send_pose(10, 37);
+  EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "19 m beyond the last place";
+  EXPECT_EQ(robot.trouble(Clock::now() + seconds(4)), "it stands 19 m from the nearest place that it was taught");
+}
+
 TEST_F(RobotTest, ClocksThatCannotBeAreToldOnce) {
   const Log log;
   Robot robot = make(options());

@@ -96,6 +96,42 @@ TEST(Verdict, TellsAnAgentThatDoesNotLook) {
   EXPECT_TRUE(contains(text, "does as well on shuffled frames")) << text;
 }
 
+TEST(Verdict, SetsApartWhatItTrainedOn) {
+  EXPECT_EQ(verdict("features", rows_of({{"features", {{"fall", 0.95}, {"summer", 1}}}, {"blind", {{"fall", 0.8}}}}),
+                    {{"summer"}, {}}),
+            "features finds its way in fall (SPL 0.950).\n"
+            "features finds its way in summer, where it trained (SPL 1.000).\n");
+}
+
+// On 128 places tasks are 43 steps long in the mean. With 10 steps nobody reaches most of the goals.
+TEST(Verdict, BlamesAStepLimitThatIsTooLow) {
+  std::vector<ScoreRow> rows = rows_of({{"features", {{"fall", 0.18}}},
+                                        {"oracle_filter", {{"fall", 0.185}}},
+                                        {"sequence_filter", {{"fall", 0.17}}},
+                                        {"shortest_path", {{"fall", 0.185}}}});
+  rows.back().score.completed = 0.18;
+  EXPECT_EQ(verdict("features", rows),
+            "features finds its way only in part in fall (SPL 0.180).\n"
+            "  The step limit is too low: shortest_path, which sees its position, reaches 18\n"
+            "  % of its goals. Raise --max-steps, or leave it out.\n");
+}
+
+TEST(Verdict, BlamesThePairsBeforeTheFramesOrTheAgent) {
+  EXPECT_EQ(verdict("features",
+                    rows_of({{"features", {{"fast", 0.73}, {"fall", 0.7}}},
+                             {"sequence_filter", {{"fast", 0.72}, {"fall", 0.72}}},
+                             {"oracle_filter", {{"fast", 1}, {"fall", 1}}}}),
+                    {{}, {{"fast", 17}, {"fall", 0}}}),
+            "features finds its way only in part in fast (SPL 0.730).\n"
+            "  The pairs are wrong there: by what they show, frames of one index are about 17\n"
+            "  places apart. Tell which frames show the same place (--align-by, or\n"
+            "  DIR/matches.csv).\n"
+            "features finds its way only in part in fall (SPL 0.700).\n"
+            "  The frames differ too much from the training's: sequence_filter reaches 0.720,\n"
+            "  and 1.000 if given the very frames. Try another encoder (citylearn vpr\n"
+            "  compares them) or more recordings to train on (--train A,B).\n");
+}
+
 TEST(Verdict, IsEmptyWithoutAnythingToCompare) {
   EXPECT_EQ(verdict("features", rows_of({{"features", {{"fall", 1}}}})), "");
   EXPECT_EQ(verdict("features", {}), "");
