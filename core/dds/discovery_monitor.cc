@@ -155,11 +155,20 @@ void DiscoveryMonitor::participant_found(const std::string& key, const Participa
   expecting_ = !expected_.empty();
   found.name = one_line(found.name);  // others choose their names freely, and these go into our log
   const auto known = [&](const auto& endpoint) { return endpoint.second.participant == key; };
-  if (!identity_required_ || std::any_of(endpoints_.begin(), endpoints_.end(), known)) return;
+  if (identity_required_ && std::none_of(endpoints_.begin(), endpoints_.end(), known))
+    add_stranger(key, found, Clock::now() + kIdentityTimeout);
+}
+
+void DiscoveryMonitor::identity_refused(const std::string& key, const Participant& participant) {
+  std::lock_guard lock(mutex_);
+  add_stranger(key, participant, Clock::now());
+}
+
+void DiscoveryMonitor::add_stranger(const std::string& key, const Participant& participant, Clock::time_point until) {
   if (strangers_.size() >= kMaxStrangers)
     std::erase_if(strangers_, [](const auto& item) { return item.second.reported; });
   if (strangers_.size() >= kMaxStrangers) return;
-  strangers_.try_emplace(key, Stranger{describe(found), Clock::now() + kIdentityTimeout}).first->second.gone = false;
+  strangers_.try_emplace(key, Stranger{describe(participant), until}).first->second.gone = false;
   unreported_strangers_ = true;
 }
 

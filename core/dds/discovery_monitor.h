@@ -63,6 +63,8 @@ class DiscoveryMonitor {
 
   void participant_found(const std::string& key, const Participant& participant);
   void participant_lost(const std::string& key);
+  /// Makes faults() report a participant that was refused, and that participant_found() does not tell of.
+  void identity_refused(const std::string& key, const Participant& participant);
   void endpoint_found(const std::string& key, const std::string& participant, bool writes, const std::string& topic,
                       const std::string& type, const std::optional<EndpointQos>& qos = {});
   void endpoint_lost(const std::string& key);
@@ -92,6 +94,7 @@ class DiscoveryMonitor {
   };
   std::string name_of(const std::string& participant) const;
   std::string fault_of(const Remote& remote) const;
+  void add_stranger(const std::string& key, const Participant& participant, Clock::time_point until);
   void report_strangers(std::vector<std::string>& lines);
 
   std::mutex mutex_;

@@ -48,6 +48,12 @@ class FastListener : public fast::dds::DomainParticipantListener {
     using Status = fast::rtps::ReaderDiscoveryStatus;
     endpoint(info, false, status == Status::DISCOVERED_READER, status == Status::REMOVED_READER);
   }
+  /// Release 3 tells of participants once it trusts them, and of others nothing but their number.
+  void onParticipantAuthentication(fast::dds::DomainParticipant*,
+                                   fast::rtps::ParticipantAuthenticationInfo&& info) override {
+    const std::string number = text_of(info.guid.guidPrefix);
+    if (info.status == info.UNAUTHORIZED_PARTICIPANT) discovery_.identity_refused(number, {number, "", {}});
+  }
 #endif
 
  private:

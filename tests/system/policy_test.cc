@@ -150,7 +150,7 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
       {"no thread", {{"--threads", "0"}, "--threads"}},
       {"fewer threads than none", {{"--threads", "-1"}, "--threads"}},
       {"threads in words", {{"--threads", "x"}, "--threads"}},
-      {"more threads than any machine", {{"--threads", "100000"}, "--threads: Value 100000 not in range 1 to 1024"}},
+      {"more threads than any machine", {{"--threads", "100000"}, "--threads: Value 100000 not in range"}},
       {"no shard", {{"--ppo-shards", "0"}, "shards"}},
       {"two words as id", {{"--id", "my policy"}, "--id: 'my policy' must be 1 to 64 of the characters"}},
       {"a comma in a session", {{"--session", "a,b"}, "--session: 'a,b' must be 1 to 64 of the characters"}},
