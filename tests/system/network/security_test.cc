@@ -135,9 +135,10 @@ constexpr bool kFastRelease3 = true;
 #endif
 
 /// Returns what the log of a service has of a program that it does not trust: release 3 of Fast DDS learns its number
-/// alone.
+/// alone, and of one whose identity is true what its permissions lack.
 std::string refusal(const std::string& vendor, const std::string& name) {
-  return vendor == "fastdds" && kFastRelease3 ? "has shown no identity" : name;
+  if (vendor != "fastdds" || !kFastRelease3) return name;
+  return name == "'expired_permissions'" ? "or which are not valid now" : "has shown no identity";
 }
 
 /// A program that tries to get in, by name, and what the log must then say; empty: refusal() of its name.
