@@ -16,10 +16,13 @@
 #include <fastdds/utils/IPLocator.hpp>
 #endif
 
+#include <algorithm>
 #include <cstdint>
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
 #include <fastdds/dds/publisher/qos/DataWriterQos.hpp>
 #include <fastdds/dds/subscriber/qos/DataReaderQos.hpp>
+
+#include "core/dds/discovery_monitor.h"
 
 namespace citylearn::fast {
 
@@ -60,6 +63,36 @@ inline void repair_at_once(dds::DataReaderQos& qos) {
   times.initialAcknackDelay = times.heartbeatResponseDelay = Duration(0, 0u);
 #else
   times.initial_acknack_delay = times.heartbeat_response_delay = Duration(0, 0u);
+#endif
+}
+
+/// Returns the policies of another participant's writer or reader.
+inline EndpointQos qos_of(const dds::ReliabilityQosPolicy& reliability, const dds::DurabilityQosPolicy& durability,
+                          const dds::OwnershipQosPolicy& ownership, const dds::LivelinessQosPolicy& liveliness,
+                          const dds::DeadlineQosPolicy& deadline, const dds::PartitionQosPolicy& partition,
+                          const dds::DataRepresentationQosPolicy& representation, rtps::TopicKind_t topic_kind) {
+  const auto& encodings = representation.m_value;
+  const auto xcdr1 = std::find(encodings.begin(), encodings.end(), dds::XCDR_DATA_REPRESENTATION);
+  // Kinds come over the wire as they are.
+  return {reliability.kind == dds::RELIABLE_RELIABILITY_QOS,
+          std::clamp(static_cast<int>(durability.kind), 0, 3),
+          ownership.kind == dds::EXCLUSIVE_OWNERSHIP_QOS,
+          std::clamp(static_cast<int>(liveliness.kind), 0, 2),
+          static_cast<double>(liveliness.lease_duration.to_ns()) / 1e9,
+          static_cast<double>(deadline.period.to_ns()) / 1e9,
+          partition.empty() ? "" : partition.begin()->name(),
+          encodings.empty() || xcdr1 != encodings.end(),
+          topic_kind == rtps::WITH_KEY};
+}
+template <class Info>
+EndpointQos qos_of(const Info& info) {
+#if CITYLEARN_FASTDDS_RELEASE == 2
+  const auto& qos = info.m_qos;
+  return qos_of(qos.m_reliability, qos.m_durability, qos.m_ownership, qos.m_liveliness, qos.m_deadline, qos.m_partition,
+                qos.representation, info.topicKind());
+#else
+  return qos_of(info.reliability, info.durability, info.ownership, info.liveliness, info.deadline, info.partition,
+                info.representation, info.topic_kind);
 #endif
 }
 

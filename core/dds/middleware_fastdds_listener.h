@@ -80,38 +80,14 @@ class FastListener : public fast::dds::DomainParticipantListener {
 #if CITYLEARN_FASTDDS_RELEASE == 2
     const auto& guid = info.guid();
     const auto &topic = info.topicName(), &type = info.typeName();
-    const auto& qos = info.m_qos;
-    const EndpointQos about = qos_of(qos.m_reliability, qos.m_durability, qos.m_ownership, qos.m_liveliness,
-                                     qos.m_deadline, qos.m_partition, qos.representation, info.topicKind());
 #else
     const auto& guid = info.guid;
     const auto &topic = info.topic_name, &type = info.type_name;
-    const EndpointQos about = qos_of(info.reliability, info.durability, info.ownership, info.liveliness, info.deadline,
-                                     info.partition, info.representation, info.topic_kind);
 #endif
     if (lost) discovery_.endpoint_lost(text_of(guid));
     if (found)
       discovery_.endpoint_found(text_of(guid), text_of(guid.guidPrefix), writes, topic.to_string(), type.to_string(),
-                                about);
-  }
-
-  static EndpointQos qos_of(
-      const fast::dds::ReliabilityQosPolicy& reliability, const fast::dds::DurabilityQosPolicy& durability,
-      const fast::dds::OwnershipQosPolicy& ownership, const fast::dds::LivelinessQosPolicy& liveliness,
-      const fast::dds::DeadlineQosPolicy& deadline, const fast::dds::PartitionQosPolicy& partition,
-      const fast::dds::DataRepresentationQosPolicy& representation, fast::rtps::TopicKind_t topic_kind) {
-    const auto& encodings = representation.m_value;
-    const auto xcdr1 = std::find(encodings.begin(), encodings.end(), fast::dds::XCDR_DATA_REPRESENTATION);
-    // Kinds come over the wire as they are.
-    return {reliability.kind == fast::dds::RELIABLE_RELIABILITY_QOS,
-            std::clamp(static_cast<int>(durability.kind), 0, 3),
-            ownership.kind == fast::dds::EXCLUSIVE_OWNERSHIP_QOS,
-            std::clamp(static_cast<int>(liveliness.kind), 0, 2),
-            static_cast<double>(liveliness.lease_duration.to_ns()) / 1e9,
-            static_cast<double>(deadline.period.to_ns()) / 1e9,
-            partition.empty() ? "" : partition.begin()->name(),
-            encodings.empty() || xcdr1 != encodings.end(),
-            topic_kind == fast::rtps::WITH_KEY};
+                                fast::qos_of(info));
   }
 
   template <class Guid>
