@@ -38,6 +38,13 @@ onnx::ModelProto parse(std::span<const std::byte> bytes, const std::string& wher
   return model;
 }
 
+std::vector<std::byte> serialised(const onnx::ModelProto& model, const std::string& where) {
+  std::vector<std::byte> bytes(model.ByteSizeLong());
+  if (!model.SerializeToArray(bytes.data(), static_cast<int>(bytes.size())))
+    throw Error("is larger than 2 GiB with its weights", where);
+  return bytes;
+}
+
 /// Calls `visit` for each tensor in a message: weights, attributes of nodes, graphs within graphs.
 void visit_tensors(google::protobuf::Message& message, const std::function<void(onnx::TensorProto&)>& visit) {
   if (auto* tensor = dynamic_cast<onnx::TensorProto*>(&message)) return visit(*tensor);
@@ -148,9 +155,7 @@ std::vector<std::byte> with_batch(std::span<const std::byte> bytes, int batch, c
   for (onnx::ValueInfoProto& input : *model.mutable_graph()->mutable_input())
     if (auto& shape = *input.mutable_type()->mutable_tensor_type()->mutable_shape(); shape.dim_size() > 0)
       shape.mutable_dim(0)->set_dim_value(batch);
-  std::vector<std::byte> closed(model.ByteSizeLong());
-  model.SerializeToArray(closed.data(), static_cast<int>(closed.size()));
-  return closed;
+  return serialised(model, where);
 }
 
 OnnxModel load_onnx(const std::string& path) {
@@ -180,9 +185,7 @@ OnnxModel load_onnx(const std::string& path) {
   });
   if (hashes == loaded.hash) return loaded;
   loaded.hash = short_hash(std::as_bytes(std::span(hashes)));
-  loaded.bytes.resize(model.ByteSizeLong());
-  if (!model.SerializeToArray(loaded.bytes.data(), static_cast<int>(loaded.bytes.size())))
-    throw Error("is larger than 2 GiB with its weights", path);
+  loaded.bytes = serialised(model, path);
   return loaded;
 }
 

@@ -34,7 +34,7 @@ struct OnnxFile {
 OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where);
 
 /// Returns the model with inputs of `batch` rows each. OpenCV 4.10 refuses to read agents whose batch is open. Throws
-/// Error naming `where` when it is no model.
+/// Error naming `where` when the bytes are not an ONNX model.
 std::vector<std::byte> with_batch(std::span<const std::byte> bytes, int batch, const std::string& where);
 
 /// A model with all its weights inside.

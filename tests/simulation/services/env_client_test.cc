@@ -305,15 +305,25 @@ class Deaf {
   Node node_;
 };
 
-TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
-  Deaf deaf(run_);
+EnvClientOptions impatient() {
   EnvClientOptions options;
   options.patience = milliseconds(300);
-  Player player(run_, options);
+  return options;
+}
+
+/// Gives the one that has announced itself settings; null when it is not known.
+EnvHandle* commanded(Player& player, Deaf& deaf) {
   deaf.announce();
   EnvHandle* env = player.env("deaf");
+  if (env) player.client.command(*env, route(0, 20));
+  return env;
+}
+
+TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
+  Deaf deaf(run_);
+  Player player(run_, impatient());
+  EnvHandle* env = commanded(player, deaf);
   ASSERT_TRUE(env);
-  player.client.command(*env, route(0, 20));
   EXPECT_TRUE(player.until([&] {
     deaf.announce();
     return !env->refusal.empty();
@@ -325,14 +335,10 @@ TEST_F(EnvClientTest, OneWhoseEncoderServiceIsSilentIsWaitedFor) {
   Deaf deaf(run_);
   deaf.info.encoder_service() = "killed";
   deaf.info.encoder_incarnation() = 77;
-  EnvClientOptions options;
-  options.patience = milliseconds(300);
-  Player player(run_, options);
-  deaf.announce();
-  EnvHandle* env = player.env("deaf");
+  Player player(run_, impatient());
+  EnvHandle* env = commanded(player, deaf);
   ASSERT_TRUE(env);
-  player.client.command(*env, route(0, 20));
-  const Clock::time_point end = Clock::now() + 4 * options.patience;
+  const Clock::time_point end = Clock::now() + 4 * impatient().patience;
   EXPECT_TRUE(player.until([&] {
     deaf.announce();
     return Clock::now() > end || !env->refusal.empty();
