@@ -17,8 +17,8 @@ namespace citylearn {
 
 /// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for
 /// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one.
-/// Where the traversal crosses itself (Traversal::turns), staying is turning into the other road. A distance is the
-/// smallest number of steps.
+/// Where the traversal crosses itself (Traversal::turns), `stay` turns into the other road. Distances are numbers of
+/// steps on the shortest path.
 ///
 /// Reward: +1 on reaching the goal, which ends the episode. A step that leads nearer to the goal than the agent ever
 /// was in this episode costs nothing; every other step costs 1 / max_steps. After max_steps steps the episode is cut
@@ -34,7 +34,7 @@ class Environment {
     int agent, task, start, goal, steps, shortest;
     float reward;
     bool completed;
-    std::vector<std::uint8_t> path;  ///< its actions, as in EpisodeStat, which says when it is empty
+    std::vector<std::uint8_t> path;  ///< its actions, as EpisodeStat describes; may be empty
   };
 
   /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
@@ -43,8 +43,8 @@ class Environment {
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
   /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is
-  /// IDLE, max_steps or (EVALUATE) tasks are not 1..2^30, or agents x D do not fit one observation and are not to be
-  /// looked up (by_reference).
+  /// IDLE, max_steps or (EVALUATE) tasks are not 1..2^30, or agents x D do not fit one observation that is not
+  /// by_reference.
   void reset(const msg::TaskSettings& settings);
 
   /// Returns the features of a frame: D.
@@ -64,25 +64,26 @@ class Environment {
   void set_robot_pose(const Sighting& sighting) { robot_ = sighting; }
   /// Makes an episode of agent 0, a robot, begin only when set_next_goal() gives it a goal. Until then it is idle.
   void use_external_goals() { external_goals_ = true; }
-  /// Sets the robot's goal, a place, for the next step or reset, which cuts its episode (truncated).
+  /// Sets the goal, a place, of the robot's next episode, or none. The next step ends the running one (truncated).
   void set_next_goal(std::optional<int> place) { next_goal_ = place; }
-  bool is_sent() const { return next_goal_.has_value(); }  ///< No episode has begun for it yet.
-  /// Returns whether the robot has tasks left and waits to be sent.
+  /// Returns whether a goal is set for which no episode has begun.
+  bool is_sent() const { return next_goal_.has_value(); }
+  /// Returns whether the robot has tasks left but no goal.
   bool awaits_goal() const;
   /// Returns the frame to which an agent goes.
   int goal(int agent) const {
     return static_cast<int>(settings_.first_frame()) + agents_[static_cast<std::size_t>(agent)].goal;
   }
-  /// Returns the frame at which an agent stands and the one to which the action is to lead it.
+  /// Returns the frame at which an agent stands, and the one to which the action leads if it does not slip.
   std::pair<int, int> way(int agent, std::uint8_t action) const;
 
   /// Fills everything but the header.
   void observe(msg::Observation& observation) const;
-  void observe(msg::Scene& scene) const;  ///< Fills the step and what there is of each agent.
+  void observe(msg::Scene& scene) const;  ///< Fills the step and the sequences of agents.
 
   /// Returns the episodes that the last step ended, by agent.
   const std::vector<Episode>& finished() const { return finished_; }
-  /// Returns whether every task of an EVALUATE has been done.
+  /// Returns whether every task of mode EVALUATE has been done.
   bool done() const;
   std::uint64_t ticks() const { return step_; }  ///< steps under the present settings
   int agents() const { return static_cast<int>(agents_.size()); }

@@ -29,9 +29,9 @@ class EpisodeOutbox {
   void add(const Environment::Episode& episode);
 
   using Acknowledged = LogSender::Acknowledged;
-  /// Reads all fields of the acknowledgement but its receiver.
+  /// As LogSender::acknowledge(): the caller checks that it is for this env_service.
   Acknowledged acknowledge(const msg::LogAcknowledgement& acknowledgement, Clock::time_point now);
-  /// Makes the sender the incumbent of its id without waiting.
+  /// As LogSender::force_successor().
   void force_successor(const msg::Header& header, Clock::time_point now) { log_.force_successor(header, now); }
 
   struct Sending {
@@ -40,9 +40,9 @@ class EpisodeOutbox {
   };
   /// Returns the next episode to send now, if any.
   std::optional<Sending> next(Clock::time_point now);
-  /// Returns when next() will have something, as far as is known. The clock's epoch means now.
+  /// As LogSender::due().
   Clock::time_point due() const { return log_.due(); }
-  /// Resends what is not acknowledged now and at short intervals.
+  /// As LogSender::hurry().
   void hurry(Clock::time_point now) { log_.hurry(now); }
   /// Fills all but the header from an episode that is kept.
   void fill(std::uint64_t episode, msg::EpisodeStat& stat) const;

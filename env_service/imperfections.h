@@ -31,20 +31,21 @@ struct Imperfections {
 /// Adds the options above; `group` heads them in --help.
 void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const std::string& group);
 
-/// Returns the traversal as the recording of this world, and with the imperfections of both kinds in its name:
-/// "summer-slip0.1-kidnap1". The name keeps results apart from those of a better world, and announces the imperfections
-/// wherever traversals are named. With none the traversal stays as it is. Throws Error when features are to be blurred.
+/// Returns the traversal as it is recorded in this world. Its name tells all imperfections,
+/// "summer-slip0.1-kidnap1", so that results are not mixed with those of a better world. Without imperfections the
+/// traversal stays as it is. Throws Error when features are to be blurred.
 ///
-/// Uneven speed: the car passes 0, 1 or 2 frames from each place to the next, each as likely, and is never more than
-/// so many frames ahead or behind. Places keep their positions. The draws follow from the traversal's hash and
-/// recording_seed: siblings get different ones, and all env_services of a traversal the same.
+/// Uneven speed: from each place to the next the recording advances by 0, 1 or 2 frames, each as likely, and is never
+/// more than uneven_speed frames ahead or behind. Places keep their positions. The traversal's hash and recording_seed
+/// decide all draws: siblings get different ones, and all env_services of a traversal the same.
 Traversal imperfect(Traversal traversal, const Imperfections& imperfections);
 
-/// Draws what befalls one agent. Each kind of mishap has random numbers of its own, so the same seed and number bring
-/// the same ones at the same steps, whichever others there are and whatever the agent does.
+/// Draws what befalls one agent. Each kind of mishap has random numbers of its own, so slips and dropped frames come at
+/// the same steps for the same seed and number, whichever other kinds there are and whatever the agent does.
 class Mishaps {
  public:
-  Mishaps() = default;  ///< Without mishaps.
+  Mishaps() = default;  ///< None happen.
+  /// `number`: of the agent, or of the task in mode EVALUATE.
   Mishaps(const Imperfections& imperfections, std::uint64_t seed, std::uint64_t number);
 
   /// Returns how often the next action is done: once, or when it slips never or twice, which are as likely.
@@ -55,9 +56,9 @@ class Mishaps {
   /// Plans the kidnappings of an episode that begins `distance` steps from its goal.
   void plan_kidnappings(int distance);
   /// Plans the next one, if any is left, for an agent `distance` steps from its goal: after 1 .. distance - 1 steps (1
-  /// where the distance is 1), each number as likely. So the agent can hardly be at the goal before.
+  /// where the distance is 1), each number as likely, so that the agent is rarely at the goal before.
   void await_kidnapping(int distance);
-  /// Call it after each step that leaves the episode going on. Returns the place to which the agent is carried: `here`
+  /// Call it after each step that does not end the episode. Returns the place to which the agent is carried: `here`
   /// until the time has come, then any place of the route but `here` and `goal`, each as likely.
   int place_kidnapped_to(int here, int goal, int places);
 

@@ -28,9 +28,9 @@ class CommandSender {
     interval_ = std::min<Clock::duration>(2 * interval_, kCommandResendMax);
     return true;
   }
-  /// Returns when it is due; the clock's end: nothing is.
+  /// Returns when the command goes out next; the clock's end once it is confirmed.
   Clock::time_point due() const { return next_; }
-  /// Notes that the target cannot obey now: the time that it takes begins anew.
+  /// Notes that the target cannot obey now. unconfirmed_for() counts from here.
   void hold(Clock::time_point now) { since_ = now; }
   /// Returns for how long the target could have obeyed, but did not.
   Clock::duration unconfirmed_for(Clock::time_point now) const {
@@ -42,26 +42,27 @@ class CommandSender {
   Clock::duration interval_{};
 };
 
-/// A command whose version is farther ahead of the last one is forged: no commander gives so many unheard.
+/// A command whose version is further ahead of the last one obeyed is forged: no commander loses so many.
 inline constexpr std::uint32_t kMaxVersionsAhead = 1u << 20;
 
-/// Tells new commands to one target from others, and which commander is in charge of it: the first that gave it work,
-/// until it releases the target, leaves or is silent. Commanders are named by their incarnations, and each numbers its
-/// commands. Used by one thread.
+/// Decides which commands a target obeys. In charge is the first commander that gave it work, until that one releases
+/// the target, leaves or is silent. Commanders are named by their incarnations, and each numbers its commands from 1.
+/// Used by one thread.
 class CommandTarget {
  public:
   enum class Verdict {
     kNew,          ///< its sender is in charge from now on
     kOld,          ///< it was obeyed before, or a newer one was
-    kTooFarAhead,  ///< it is forged
+    kTooFarAhead,  ///< it is forged (kMaxVersionsAhead)
     kNotInCharge,  ///< another commander is in charge
   };
+  /// Judges a command. The target then carries out a new one and calls obey(), or refuses it.
   Verdict take(std::uint64_t commander, std::uint32_t version, Clock::time_point now) {
     const auto known = obeyed_.find(commander);
     const std::uint32_t obeyed = known == obeyed_.end() ? 0 : known->second;
     if (version <= obeyed) return Verdict::kOld;
     if (version - obeyed > kMaxVersionsAhead) return Verdict::kTooFarAhead;
-    // Not the same one's: it would be left for good, and the next to command would take over from it at once.
+    // Not for the same commander: leave() would outlast its new command, and any other could take over at once.
     if (!works_ && commander != incumbent_.incarnation()) incumbent_.leave();
     const std::uint64_t before = works_ ? incumbent_.incarnation() : 0;
     const Incumbent::Heard heard = incumbent_.hear(commander, now);
@@ -70,8 +71,8 @@ class CommandTarget {
     works_ = false;
     return Verdict::kNew;
   }
-  /// Notes that the target obeys a command that take() found new, which gives it work or releases it. What it does not
-  /// obey may come again: a forged one must not make the true ones old.
+  /// Notes that the target obeys the command that take() found new: it works from now on, or is released. A command
+  /// that is refused does not become old, so that a forged one cannot make the true ones old.
   void obey(std::uint32_t version, bool works) {
     if (obeyed_.size() >= kMaxCommanders) obeyed_.clear();
     obeyed_[incumbent_.incarnation()] = version;
@@ -84,12 +85,12 @@ class CommandTarget {
     if (leaves) incumbent_.leave();
   }
 
-  /// Returns whether a commander, or this one, has given the target work and not released it since.
+  /// Returns whether any commander, or this one, has given the target work and not released it since.
   bool in_charge() const { return works_; }
   bool in_charge(std::uint64_t commander) const { return works_ && commander == incumbent_.incarnation(); }
-  /// Returns whether this one was in charge before the present one and lost the target without releasing it.
+  /// Returns whether this commander was in charge before the present one, which took the target over from it.
   bool replaced(std::uint64_t commander) const { return works_ && commander != 0 && commander == replaced_; }
-  /// Returns when the commander in charge, or the one before, was last heard.
+  /// Returns when the commander in charge, or else the last one that was, was last heard.
   Clock::time_point last_heard() const { return incumbent_.last_heard(); }
   bool silent(Clock::time_point now) const { return !incumbent_.here(now); }
 

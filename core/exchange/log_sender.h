@@ -17,19 +17,19 @@ namespace citylearn {
 /// How a LogSender sends and what it keeps.
 struct LogOptions {
   std::size_t capacity = 1'000'000;  ///< records kept
-  std::size_t max_readers = 64;      ///< known at a time, because any process may say that it reads
-  std::uint64_t resend_window = 64;  ///< records sent again to a reader that does not answer
-  std::uint64_t send_window = 1024;  ///< records on their way again to a reader that acknowledges
-  std::uint64_t credit_window = 0;   ///< 0: new records go out at once. Else the one reader says up to which record it
-                                     ///< has room, so many are on their way to it, and it gets twice the time that
-                                     ///< its last acknowledgement took
-  bool keeps_all = false;            ///< nothing is ever dropped, so that a reader that comes late gets all
-  const char* records = "records";   ///< what problem() calls them
-  const char* reader = "reader";     ///< likewise
+  std::size_t max_readers = 64;      ///< known at a time; bounded because any process may say that it reads
+  std::uint64_t resend_window = 64;  ///< records that a silent reader is sent again at a time
+  std::uint64_t send_window = 1024;  ///< likewise a reader that acknowledges
+  /// 0: new records go out at once. Else there is one reader, which says up to which record it has room. At most so
+  /// many records are on their way to it, and it has twice the time that its last acknowledgement took.
+  std::uint64_t credit_window = 0;
+  bool keeps_all = false;           ///< nothing is ever dropped, so that a reader that comes late gets all
+  const char* records = "records";  ///< what problem() calls them
+  const char* reader = "reader";    ///< likewise
 };
 
-/// Decides which numbered records to send when, until every reader has acknowledged them. It knows numbers alone: it
-/// has no records, no wire and no clock. Used by one thread.
+/// Decides when to send which record of a log, until every reader has acknowledged it. It knows the records' numbers
+/// alone, and has no wire and no clock. Used by one thread.
 ///
 /// Each record is sent once, and again to a reader that lacks it: as fast as the reader acknowledges, or, when it does
 /// not, less and less often.
@@ -43,11 +43,15 @@ class LogSender {
   /// Appends a record and returns its number.
   std::uint64_t add();
 
-  enum class Acknowledged { kYes, kRepeated, kImpossible, kTooMany };
-  /// Readers acknowledge once a second, which shows that they live. Beyond the largest number of readers a newcomer
-  /// takes the place of one that left and is silent; kTooMany: there is none. Does not read whom the message is for.
+  enum class Acknowledged {
+    kYes,
+    kRepeated,    ///< it says nothing new, was overtaken, or is of a process that does not speak for its id
+    kImpossible,  ///< it is of records that do not exist
+    kTooMany,     ///< there are max_readers, of which none has left and is silent
+  };
+  /// Takes an acknowledgement; its sender becomes a reader. The caller checks that it is for this log.
   Acknowledged acknowledge(const msg::LogAcknowledgement& acknowledgement, Clock::time_point now);
-  /// Makes the sender the incumbent of its id without waiting.
+  /// Makes the process of this header speak for its id at once (Incumbent).
   void force_successor(const msg::Header& header, Clock::time_point now);
 
   struct Sending {
@@ -56,18 +60,18 @@ class LogSender {
   };
   /// Returns the next record to send now, if any.
   std::optional<Sending> next(Clock::time_point now);
-  /// Returns what a record says of its place, as it goes out now.
+  /// Returns the LogPosition of a record that goes out now.
   msg::LogPosition position(std::uint64_t number, std::uint64_t stream = 0) const;
-  /// Returns when next() will have something, as far as is known. The clock's epoch means now.
+  /// Returns when next() will have something unless more comes to pass; the clock's epoch: now.
   Clock::time_point due() const;
-  /// Resends what is not acknowledged now and at short intervals.
+  /// Resends what is not acknowledged at once, then at intervals that begin short: the sender ends.
   void hurry(Clock::time_point now);
 
   std::uint64_t last() const { return last_; }               ///< number of the last record
   std::uint64_t sent() const { return sent_; }               ///< number of the last record that was sent
   std::uint64_t acknowledged() const { return discarded_; }  ///< owners drop their records up to this one
   std::size_t kept() const { return static_cast<std::size_t>(last_ - discarded_); }
-  std::uint64_t limit() const { return limit_; }  ///< as acknowledged last
+  std::uint64_t limit() const { return limit_; }  ///< of the last acknowledgement (LogAcknowledgement)
   /// Returns whether a reader lacks records and is alive as far as is known.
   bool reader_expected(Clock::time_point now) const;
   std::vector<std::string> readers() const;
@@ -80,16 +84,16 @@ class LogSender {
   struct Reader {
     bool registered = false;  ///< it has not left
     MessageOrder order;       ///< of its acknowledgements
-    bool fresh = true;        ///< no acknowledgement of its present process has come
+    bool fresh = true;        ///< its present process has not acknowledged yet
     std::uint64_t acknowledged = 0;
     std::uint64_t sent = 0;   ///< records after `acknowledged` up to this one are on their way to it
     std::uint64_t limit = 0;  ///< records up to this one may be sent again
     Clock::duration interval = kLogResend;
-    Clock::time_point waits_since{}, again{};  ///< again: all that is on its way counts as lost
+    Clock::time_point waits_since{}, again{};  ///< from `again` on, all that is on its way counts as lost
     Incumbent presence;
     bool stopping = false;
 
-    /// Returns false for a message of another process than the one that reads.
+    /// Returns false for a message of a process that does not speak for the reader's id.
     bool hear(const msg::Header& header, Clock::time_point now);
   };
   bool has_room(const std::string& name, Clock::time_point now);
@@ -108,8 +112,8 @@ class LogSender {
   std::uint64_t last_ = 0, discarded_ = 0, sent_ = 0, limit_ = 0;
   std::map<std::string, Reader> readers_;  ///< with those that left, so that late messages do not bring them back
   std::size_t registered_ = 0;             ///< readers that have not left
-  Reader anonymous_reader_;                ///< sent to while no reader is registered
-  Clock::duration answer_time_{};          ///< what the last acknowledgement took, with a credit window
+  Reader anonymous_reader_;                ///< stands for all while no reader is registered
+  Clock::duration answer_time_{};          ///< that the last acknowledgement took; only with a credit window
   std::string problem_;
 };
 

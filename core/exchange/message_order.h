@@ -8,11 +8,12 @@
 
 namespace citylearn {
 
-/// Tells which messages of one type from one process were overtaken on the way, by their numbers. A number counts for
-/// kSilence after it came: no message is under way for so long, and a forged number must not silence its namesake.
+/// Tells which messages of one type from one process were overtaken on the way, by their numbers. The newest number
+/// counts for kSilence: no message is under way for so long, and a forged high number must not shut out all later ones.
 class MessageOrder {
  public:
-  /// Returns false for a message that is older than another one that came lately. One that comes twice is in order.
+  /// Returns false for a message whose number is lower than one that came in the last kSilence. Repetitions are in
+  /// order.
   bool in_order(const msg::Header& header, Clock::time_point now) {
     if (header.message() < newest_ && came_.here(now)) return false;
     newest_ = header.message();

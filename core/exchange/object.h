@@ -22,7 +22,7 @@
 // their users publish what they fill in, and encode and decode the bytes (core/wire/messages.h).
 namespace citylearn {
 
-/// Names an object for good: equal keys, equal bytes.
+/// Names an object for good: equal keys, equal bytes. Each kind of object has its own meaning for the fields.
 struct ObjectKey {
   std::uint64_t hash = 0;
   std::uint32_t part = 0;
@@ -52,16 +52,15 @@ class ObjectServer {
  public:
   /// Returns an object, or null when there is none.
   using Find = std::function<std::shared_ptr<const ObjectBytes>(const ObjectKey& key)>;
-  /// `rejected` counts requests for what no object has. It must outlive this. What was sent within `crossing` is not
-  /// sent again.
+  /// `rejected` counts requested chunks that an object does not have, and must outlive this. Requests for what was sent
+  /// less than `crossing` ago are dropped: both were under way at once.
   ObjectServer(Find find, std::uint64_t& rejected, std::chrono::milliseconds crossing = kObjectCrossing)
       : find_(std::move(find)), rejected_(rejected), crossing_(crossing) {}
 
-  /// Notes what is asked for, but for what is on its way already: a service that waits long for a slow object asks
-  /// again.
+  /// Queues what is asked for, without what is queued or was just sent: a service asks again while it waits.
   void note(const msg::ObjectRequest& request);
-  /// Sends one object, or as many of its chunks as are expected, to each service that asked: fills `chunk` and calls
-  /// `publish` for each. Returns whether more are to be sent.
+  /// Sends each service that asked one object, or as many of its chunks as its requests allow. Fills `chunk` and calls
+  /// `publish` for each chunk. Returns whether any objects are left to send.
   bool send(msg::ObjectChunk& chunk, const std::function<void()>& publish);
   /// Sends at once what is asked for.
   void answer(const msg::ObjectRequest& request, msg::ObjectChunk& chunk, const std::function<void()>& publish) {
@@ -77,7 +76,7 @@ class ObjectServer {
   };
   struct Order {
     std::deque<Wanted> objects;
-    std::size_t most_chunks = 0;  // that the service expects
+    std::size_t most_chunks = 0;  // that its requests allow (MAX_CHUNKS_ASKED each)
   };
   struct Sent {
     Clock::time_point at;
@@ -89,9 +88,9 @@ class ObjectServer {
   Find find_;
   std::uint64_t& rejected_;
   std::chrono::milliseconds crossing_;
-  std::shared_ptr<const ObjectBytes> found_;                // last: a large one is asked for in several requests
+  std::shared_ptr<const ObjectBytes> found_;                // the last one: large ones take several requests
   std::map<std::string, Order> orders_;                     // by the id of the service that asked
-  std::map<std::pair<std::string, ObjectKey>, Sent> sent_;  // a moment ago
+  std::map<std::pair<std::string, ObjectKey>, Sent> sent_;  // less than `crossing` ago
 };
 
 }  // namespace citylearn

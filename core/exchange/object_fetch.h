@@ -18,36 +18,37 @@ struct FetchedObject {
 };
 
 struct FetchOptions {
-  std::uint64_t hash = 0;  ///< of the keys of all objects
-  std::uint32_t part = 0;  ///< likewise
-  std::chrono::milliseconds retry{0};
-  int most_tries = 0;  ///< requests in a row without an answer before it gives up; 0: it never does
+  std::uint64_t hash = 0;              ///< of the keys of all objects
+  std::uint32_t part = 0;              ///< likewise
+  std::chrono::milliseconds retry{0};  ///< without an answer, before it asks again
+  int most_tries = 0;                  ///< requests in a row without an answer before it gives up; 0: it never does
   std::uint64_t max_bytes = msg::MAX_OBJECT;     ///< that an object may have
   std::size_t max_items = msg::MAX_ITEMS_ASKED;  ///< in one request
 };
 
-/// Fetches objects of one server: says what to ask for, and takes chunks in any order, repeated ones too.
+/// Fetches objects of one server. It fills requests and takes chunks, in any order and more than once; its owner
+/// publishes and receives.
 class ObjectFetch {
  public:
-  static constexpr int kMaxDamaged = 3;  ///< objects before it gives up, if it ever does
+  static constexpr int kMaxDamaged = 3;  ///< damaged objects before it gives up; without most_tries it never does
 
   explicit ObjectFetch(const FetchOptions& options) : options_(options), timer_(options.retry, options.most_tries) {}
 
   /// Adds an object after those already wanted.
   void want(std::uint64_t item);
-  /// Wants it no longer.
+  /// Removes an object from those wanted.
   void drop(std::uint64_t item);
   /// Returns how many wanted objects have not come.
   std::size_t missing() const { return wanted_.size(); }
 
   /// Returns whether the chunk is of an object that is wanted.
   bool wants(const msg::ObjectChunk& chunk) const;
-  /// kNotWanted: of no object that is wanted, or taken already. kDamaged: it has another size than it should have,
+  /// Takes a chunk. Returns kNotWanted if it is of no wanted object or was taken before; kDamaged if its size is wrong,
   /// its object is too large, or it completes an object whose checksum is wrong, which is then asked for anew.
   Taken take(const msg::ObjectChunk& chunk, Clock::time_point now);
   /// Returns the next object that is complete.
   std::optional<FetchedObject> next();
-  /// Wants an object again whose bytes mean nothing.
+  /// Asks again for an object whose bytes cannot be decoded.
   void refuse(std::uint64_t item);
 
   /// Returns when a request should go out (RequestTimer).
@@ -55,7 +56,7 @@ class ObjectFetch {
   bool gave_up(Clock::time_point now) const {
     return timer_.gave_up(now) || (options_.most_tries > 0 && damaged_ >= kMaxDamaged);
   }
-  /// Fills all of a request but its header and server, and returns true, when one is due.
+  /// Returns true when a request is due, after filling all of it but its header and server.
   bool ask(Clock::time_point now, msg::ObjectRequest& request);
 
  private:

@@ -16,6 +16,7 @@ class Presence {
   void heard(Clock::time_point now) { last_ = now; }
   /// Counts it as gone from now on.
   void forget() { last_ = {}; }
+  /// Returns whether it was heard less than kSilence ago.
   bool here(Clock::time_point now) const { return last_ != Clock::time_point{} && now - last_ < kSilence; }
   Clock::time_point last_heard() const { return last_; }
   /// Returns when it will count as gone unless it is heard again.

@@ -13,11 +13,12 @@
 
 namespace citylearn {
 
-/// A service's identity in a session, and its typed writers and readers. A message goes to the topics that its type has
-/// (Addressing). Used by one thread at a time.
+/// A service's identity in a session, and its typed writers and readers. The type of a message says on which topics it
+/// goes out (Addressing). Used by one thread at a time.
 class Messenger {
  public:
-  /// Publishes in this node's session. A node that hears all sessions names one.
+  /// Publishes a message after filling its header. `session`: for a node that hears all sessions; empty: the node's
+  /// own.
   template <class Message>
   void publish(Message& message, const std::string& session = "") {
     stamp(message.header(), session);
@@ -30,8 +31,8 @@ class Messenger {
   void forward(const Message& message) {
     send(message, addresses_of(message));
   }
-  /// Takes the next message of this session that this process did not send, from any of its readers of this type; false
-  /// when there is none. Skips messages that cannot be decoded; they are counted, and logged once a kind.
+  /// Takes the next message from this node's readers of the type. Returns false when there is none. Skips messages of
+  /// this process and of other sessions, and those that cannot be decoded, which are counted and logged once a kind.
   template <class Message>
   bool take(Message& message) {
     while (channels_of<Message>().take(buffer_)) {
@@ -46,8 +47,8 @@ class Messenger {
     return false;
   }
 
-  /// Creates the writer on the shared topic, or on this service's own, before its first use, so that discovery begins
-  /// now.
+  /// Creates the writers on the shared topic and on this service's own, as far as the type has them, before their first
+  /// use, so that discovery begins now.
   template <class Message>
   void create_writer() {
     Channels& channels = channels_of<Message>();
@@ -59,8 +60,8 @@ class Messenger {
   void create_reader() {
     create_reader_at<Message>(addressing_of<Message>() == Addressing::kReceiver ? options_.id : "");
   }
-  /// Create and delete the reader of one service's topic, for what it sends or is sent, or of the shared topic (empty
-  /// id). `session`: of that service, for a node that hears all sessions.
+  /// Create and delete the reader on the topic of service `id`, or on the shared topic where it is empty. `session`: of
+  /// that service, for a node that hears all sessions.
   template <class Message>
   void create_reader_at(const std::string& id, const std::string& session = "") {
     channels_of<Message>().create_reader(session.empty() ? at(id) : Address{session, id});
@@ -93,8 +94,8 @@ class Messenger {
  private:
   template <class Message>
   Channels& channels_of() {
-    const Topic& all = topic_of<Message>();
-    return channels_.try_emplace(&all, *middleware_, all, addressing_of<Message>()).first->second;
+    const Topic& shared = topic_of<Message>();
+    return channels_.try_emplace(&shared, *middleware_, shared, addressing_of<Message>()).first->second;
   }
   template <class Message>
   void send(const Message& message, const std::vector<Address>& addresses) {

@@ -18,22 +18,24 @@ class Node : public Messenger {
   /// Throws Error when the options are invalid.
   explicit Node(const Options& options);
 
-  /// Waits until there may be something to take (true) or the deadline has passed. Publishes due heartbeats and logs
-  /// the middleware's faults.
+  /// Waits until there may be a message to take, or the deadline has passed (returns false). Publishes due heartbeats
+  /// and logs the middleware's faults.
   bool wait(Clock::time_point deadline);
   /// Publishes a heartbeat when it is due. Returns when the next one is.
   Clock::time_point publish_heartbeat_if_due();
-  /// Sets what the next heartbeats say. A changed state is published at once.
+  /// Sets what the next heartbeats say; `rate` is in environment steps per second. A changed state is published at
+  /// once.
   void report(msg::State state, const std::string& activity, float rate = 0);
-  /// Reports in every heartbeat, and once in the log, that `what` ("checkpoint") has a problem ("the disk is full; the
-  /// one before is kept"), until called with an empty `problem`.
+  /// Reports a problem ("the disk is full; the one before is kept") of `what` ("checkpoint"), once in the log and in
+  /// every heartbeat, until called with an empty `problem`.
   void alarm(const std::string& what, const std::string& problem);
-  /// Throws Error when this process starts while another one has its id. Raises an alarm when this one was first.
+  /// Looks whether a heartbeat is of another process with this id. If so, throws Error when this process has just
+  /// started and the other one is older, else raises an alarm.
   void check_twin(const msg::ServiceStatus& status);
   const Options& options() const { return options_; }
   DiscoveryMonitor& discovery() { return middleware_->discovery(); }
   std::string middleware_name() const { return middleware_->name(); }
-  /// Returns the metrics for Prometheus. Heartbeats are entered by the node itself.
+  /// Returns the metrics for Prometheus. The node itself enters what its heartbeats say.
   Metrics& metrics() { return metrics_; }
 
  private:

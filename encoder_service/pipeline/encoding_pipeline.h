@@ -17,43 +17,44 @@
 
 namespace citylearn {
 
-/// Turns the images of traversals into features: fetches the images, encodes each once, or fetches what other
-/// encoder_services made of it, learns the reduction on the reference traversal and applies it. Encoding and reducing
-/// run on threads of their own. Used by the node's thread.
+/// Turns the images of traversals into features. It fetches each image and encodes it, unless another encoder_service
+/// has: then it fetches the descriptor. It learns the reduction from the reference traversal and applies it. Encoding
+/// and reducing run on threads of their own. Used by the node's thread.
 class EncodingPipeline {
  public:
-  /// Returns the id of a live env_service that has the images of the traversal with this hash, and calls it `name`
-  /// unless that is empty; empty: there is none.
+  /// Returns the id of a live env_service that has the images of the traversal with this hash, under this name if one
+  /// is given; empty where there is none.
   using FindHost = std::function<std::string(std::uint64_t hash, const std::string& name)>;
 
-  /// `node` must outlive it. Throws Error: an unknown encoder, wrong parameters or files, a store that cannot be made.
+  /// `node` must outlive it. Throws Error when the encoder is unknown, its parameters or files are wrong, or the store
+  /// cannot be created.
   EncodingPipeline(Node& node, const EncoderServiceOptions& options, FindHost find_host);
 
   /// Adds a traversal unless it is known. Recordings of equal contents are encoded once, whatever their names.
   void add(const msg::TraversalInfo& info);
   /// Returns a traversal by its hash; null when it is unknown.
   const EncodedTraversal* find(std::uint64_t hash) const;
-  /// Makes the features of frames of a live traversal that are not here, as soon as it can.
+  /// Requests features of frames of a live traversal (core/task/live.h), where they are not made yet.
   void want(std::uint64_t hash, std::span<const std::uint32_t> frames);
 
   void on_positions(const msg::TraversalChunk& chunk);
   void on_image(const msg::ImageChunk& chunk);
 
-  /// Does what can be done now. Throws what an encoder throws.
+  /// Does all that can be done now without waiting. Throws what an encoder throws.
   void advance(Clock::time_point now);
   /// Returns the exchange of descriptors with the other encoder_services of the session.
   DescriptorExchange& exchange() { return exchange_; }
-  /// Finishes what the encoding thread has done.
+  /// Takes over what the encoding thread has done, and stores it.
   void finish() { encoding_.run_completions(); }
 
-  /// Returns whether the encoder has learned from the reference, or never learns. Features are named from then on.
+  /// Returns whether the encoder has learned from the reference, or need not. From then on there is a feature_recipe().
   bool encoder_ready() const { return encoder_ready_; }
-  /// Names how features are made: equal texts, equal features.
+  /// Returns how features are made. Equal texts mean equal features.
   std::string feature_recipe() const;
-  bool busy() const;
-  std::uint64_t encoded() const { return encoded_; }  ///< frames
-  /// Returns what the pipeline does, for ServiceStatus: FAILED with a fault, else its work on the first traversal that
-  /// is not ready. Returns nothing when all are ready.
+  bool busy() const;                                  ///< Returns whether features are still to be made.
+  std::uint64_t encoded() const { return encoded_; }  ///< frames encoded here
+  /// Returns what ServiceStatus is to say: FAILED and why, else the work on the first traversal that is not ready.
+  /// Returns nothing when all are ready.
   std::optional<std::pair<msg::State, std::string>> status(Clock::time_point now) const;
 
  private:

@@ -17,9 +17,9 @@
 
 namespace citylearn {
 
-/// Finds the env_services of a run, commands their tasks and answers each of their observations exactly once, over a
-/// transport that may lose, repeat and reorder messages. An env_service that does not fit the run, or does not do its
-/// part, is refused with an alarm; the others go on. Used by one thread; handles stay at their addresses.
+/// Finds the env_services of a run, gives them tasks and decides once on each of their observations, over a transport
+/// that may lose, repeat and reorder messages. An env_service that does not fit the run, or does not do its part, is
+/// refused with an alarm; the others go on. Used by one thread. An EnvHandle keeps its address.
 class EnvClient {
  public:
   /// Called for each new observation while the settings are in force. Fills `choice` and returns true, or returns false
@@ -37,8 +37,8 @@ class EnvClient {
   Joined joined;
   std::function<void()> fetching;  ///< called while fetch_features() waits; what it throws ends the wait
 
-  /// Handles all messages that have arrived, re-sends what is due, then waits for more until `deadline` at most. An
-  /// Error of decide() or joined() makes it refuse the env_service that they were called for.
+  /// Resends what is due, waits for messages until `deadline` at most (it may return earlier), and handles all that
+  /// have come. An Error of decide() or joined() makes it refuse the env_service that they were called for.
   void spin(Clock::time_point deadline);
 
   /// Refuses the env_services that do not meet these, now and whenever they announce themselves. Where two env_services
@@ -47,31 +47,32 @@ class EnvClient {
   /// Goes on without an env_service, until it restarts.
   void refuse(EnvHandle& env, const std::string& why);
 
-  /// Sends new settings under a new SettingsId until they are confirmed. Fills their ids and by_reference. Settings by
-  /// reference wait for the features of their route; other env_services do not. A refused env_service receives nothing
-  /// but the command to be idle.
+  /// Sends settings under a new SettingsId until they are confirmed. Fills their ids and by_reference. Settings by
+  /// reference go out once the features of their route are here; this delays no other env_service. A refused one
+  /// receives only the command to be idle.
   void command(EnvHandle& env, msg::TaskSettings settings);
   /// Sends the actions for the observation that waits.
   void answer(EnvHandle& env, const std::vector<std::uint8_t>& choice);
+  /// Acknowledges all episodes up to this one.
   void acknowledge(EnvHandle& env, std::uint64_t episode);
   /// Makes every env_service keep its episodes until acknowledge(), beginning with all that it still has.
   void begin_recording();
-  /// Lets env_services stop keeping episodes for this id, but for those that have some for its next process.
+  /// Lets env_services stop keeping episodes for this id. Where some are missing, they are kept for its next process.
   void end_recording();
 
-  /// Returns the id of the living policy_service that the env_service works for instead of this one; empty: of none.
+  /// Returns the id of the live policy_service that the env_service works for instead of this one; empty: none.
   std::string other_policy(const EnvHandle& env) const;
-  /// Begins or ends to receive observations, which is on unless set otherwise.
+  /// Receives observations, or does not. At first it does.
   void receive_observations(bool wanted);
-  /// Begin and end listening to an env_service, with attached_only.
+  /// Begin and end hearing an env_service. Only with EnvClientOptions::attached_only.
   void attach(const std::string& id);
   void detach(const std::string& id);
 
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
   const ServiceMonitor& services() const { return services_; }
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
-  /// the wire. Throws Error when none arrives for `patience` (and refuses the env_service unless its encoder_service is
-  /// gone), when the env_service is gone, or when the range does not lie on the traversal.
+  /// the wire. Throws Error when nothing arrives for `patience` (and refuses the env_service unless its encoder_service
+  /// is gone), when the env_service is gone, or when the range does not lie on the traversal.
   std::vector<float> fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience);
 
  private:
@@ -98,10 +99,10 @@ class EnvClient {
   EnvClientOptions options_;
   Rejections rejections_;
   EnvRequirements required_;
-  std::set<std::string> alarms_, attached_;  ///< ids of env_services: with a reported alarm; given to attach()
+  std::set<std::string> alarms_, attached_;  ///< ids of env_services with an alarm; those given to attach()
   FeatureCache features_;
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
-  std::map<std::string, EnvHandle*> first_;  ///< by traversal: its env_service that the others must agree with
+  std::map<std::string, EnvHandle*> first_;  ///< by traversal: the env_service with which others must agree
   std::uint32_t version_ = 0;
   bool wants_observations_ = true, records_ = false;
   Clock::time_point next_acknowledgements_{}, next_refusals_{};

@@ -19,13 +19,13 @@ struct EnvHandle {
   std::string id;
   msg::TraversalInfo info;        ///< of the running incarnation
   msg::TaskSettings settings;     ///< those commanded last; version 0 = none
-  std::uint32_t given = 0;        ///< newest version of settings given to it, also before it was released
+  std::uint32_t given = 0;        ///< newest version that it was given; stays when it is released
   std::uint64_t next_step = 0;    ///< step of the observation to be answered next, under `settings`
   bool waiting = false;           ///< that observation has arrived and waits for answer()
-  MessageOrder order;             ///< of its announcements
-  Incumbent presence;             ///< which process it is, and when its last message arrived
+  MessageOrder order;             ///< of its TraversalInfos
+  Incumbent presence;             ///< which process speaks for the id, and when it was last heard
   msg::Action last_action;        ///< sent again when the observation it answers is repeated
-  CommandSender settings_sender;  ///< they are unconfirmed until a message of the env_service carries their id
+  CommandSender settings_sender;  ///< sends `settings` until a message of the env_service carries their id
   /// Features of the route, for observations by reference. The settings are sent once these are complete.
   std::shared_ptr<RouteFeatures> features;
   std::uint64_t obeys = 0;          ///< incarnation of the policy_service whose settings are in force; 0: none are
@@ -34,11 +34,11 @@ struct EnvHandle {
   std::uint64_t acknowledged = 0;   ///< the last episode acknowledged; all before it are too
   bool episodes_missing = false;    ///< one did not arrive, though a later one did
   bool busy = false;                ///< the env_service reports that it receives actions
-  std::string refusal;              ///< why it is not used, as EnvClient::refuse(); else empty
+  std::string refusal;              ///< why it is not used; empty: it is
   bool until_restart = false;       ///< it stays refused whatever it announces
   int invalid = 0;                  ///< invalid observations since the last valid one
 
-  /// Returns whether the env_service has confirmed the settings.
+  /// Returns whether it was given settings and has confirmed them.
   bool in_force() const { return commands() && !settings_sender.unconfirmed(); }
   /// Returns whether it was given settings, and not released since.
   bool commands() const { return settings.settings().version() != 0; }
@@ -46,7 +46,7 @@ struct EnvHandle {
   bool alive() const { return presence.here(Clock::now()); }
   /// Returns whether it was heard lately and is not refused.
   bool usable() const { return refusal.empty() && alive(); }
-  /// Returns whether it obeys another policy_service, a second after settings of this one were sent to it.
+  /// Returns whether it has obeyed another policy_service for kObeysOther, and this one's settings are as old.
   bool lost() const {
     return commands() && heard_other != Clock::time_point{} &&
            Clock::now() >= std::max(heard_other, commanded) + kObeysOther;

@@ -9,10 +9,11 @@
 
 namespace citylearn {
 
-/// Moves a belief over the N places of a route by an action, in a world that may be as imperfect as an env_service
-/// makes it (docs/how-to/try-an-imperfect-world.md). A is the action's certain effect, b the belief:
+/// Moves a belief b over the N places of a route by an action, in a world that may be imperfect
+/// (docs/how-to/try-an-imperfect-world.md). A is the action's transition matrix in a perfect world:
 ///   (1 - k) ((1 - p) A b + p / 2 (b + A A b)) + k / N,
-/// p = `slip`, k = `kidnap`. What falls off an end is dropped, but the second of two steps comes to nothing there.
+/// p = `slip`, k = `kidnap`. A drops what would leave the route, because such actions are masked. In A A, the second
+/// step has no effect at the end of the route.
 template <class S>
 class Motion {
  public:
@@ -27,9 +28,10 @@ class Motion {
         kidnap_(static_cast<S>(parameters["kidnap"])),
         turns_(std::move(turns)) {}
 
+  /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
 
-  /// A: `to` gets what is moved, and `nothing` where nothing came from.
+  /// to = A from, with `nothing` at the place that nothing moves to.
   template <class From, class To>
   void shift(std::uint8_t action, const From& from, To&& to, S nothing = 0) const {
     const std::ptrdiff_t n = from.size() - 1;
@@ -45,7 +47,7 @@ class Motion {
       for (std::ptrdiff_t place = 0; place <= n; ++place) to(turns_[static_cast<std::size_t>(place)]) = from(place);
     }
   }
-  /// Adds to `to` the transpose of A times `from`: the way of derivatives.
+  /// to += transpose(A) from, as the backward pass needs.
   template <class From, class To>
   void unshift(std::uint8_t action, const From& from, To&& to) const {
     const std::ptrdiff_t n = from.size() - 1;
@@ -60,7 +62,7 @@ class Motion {
     }
   }
 
-  /// Moves a belief that adds up to 1.
+  /// Moves a belief, which sums to 1.
   template <class From, class To>
   void move(std::uint8_t action, const From& from, To&& to) {
     once_.resize(from.size());
@@ -71,7 +73,7 @@ class Motion {
     to = (1 - kidnap_) * ((1 - slip_) * once_ + slip_ / 2 * (from + twice_));
     to.array() += kidnap_ / static_cast<S>(from.size());
   }
-  /// Moves scores, of which the belief is the softmax. Places where nothing can be get `never`.
+  /// Moves scores, whose softmax is the belief. Places of probability 0 get `never`.
   template <class From, class To>
   void move_scores(std::uint8_t action, const From& from, To&& to, S never) {
     if (exact()) {
@@ -84,9 +86,9 @@ class Motion {
     move(action, odds_, moved_);
     to = (moved_.array() > 0).select(moved_.array().log(), never);
   }
-  /// Returns the belief that move_scores() moved last; only where the motion is not exact.
+  /// Returns the belief after the last move_scores(); only where the motion is not exact().
   const Vector<S>& moved() const { return moved_; }
-  /// Sets `to` to the transpose of move()'s linear part times `from`.
+  /// Sets `to` to the transpose of move()'s linear part times `from`, as the backward pass needs.
   template <class From, class To>
   void unmove(std::uint8_t action, const From& from, To&& to) {
     once_ = (1 - slip_) * from;
@@ -99,7 +101,7 @@ class Motion {
   }
 
  private:
-  /// The place where a second step comes to nothing; -1: none.
+  /// Returns the place at which a second step has no effect; -1: none.
   static std::ptrdiff_t end_of(std::uint8_t action, std::ptrdiff_t places) {
     return action == kNext ? places - 1 : action == kPrevious ? 0 : -1;
   }
