@@ -31,9 +31,9 @@ struct Imperfections {
 /// Adds the options above; `group` heads them in --help.
 void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const std::string& group);
 
-/// Returns the traversal as it is recorded in this world. Its name tells all imperfections,
-/// "summer-slip0.1-kidnap1", so that results are not mixed with those of a better world. Without imperfections the
-/// traversal stays as it is. Throws Error when features are to be blurred.
+/// Returns the traversal as it is recorded in this world. Its name tells all imperfections, "summer-slip0.1-kidnap1",
+/// so that results are not mixed with those of a better world. Without imperfections the traversal stays as it is.
+/// Throws Error when features are to be blurred.
 ///
 /// Uneven speed: from each place to the next the recording advances by 0, 1 or 2 frames, each as likely, and is never
 /// more than uneven_speed frames ahead or behind. Places keep their positions. The traversal's hash and recording_seed

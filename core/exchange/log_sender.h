@@ -62,9 +62,9 @@ class LogSender {
   std::optional<Sending> next(Clock::time_point now);
   /// Returns the LogPosition of a record that goes out now.
   msg::LogPosition position(std::uint64_t number, std::uint64_t stream = 0) const;
-  /// Returns when next() will have something unless more comes to pass; the clock's epoch: now.
+  /// Returns when next() will have something if nothing else happens before. The clock's epoch means now.
   Clock::time_point due() const;
-  /// Resends what is not acknowledged at once, then at intervals that begin short: the sender ends.
+  /// Resends at once what is not acknowledged, then at intervals that begin short, because the sender ends.
   void hurry(Clock::time_point now);
 
   std::uint64_t last() const { return last_; }               ///< number of the last record

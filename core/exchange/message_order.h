@@ -12,8 +12,7 @@ namespace citylearn {
 /// counts for kSilence: no message is under way for so long, and a forged high number must not shut out all later ones.
 class MessageOrder {
  public:
-  /// Returns false for a message whose number is lower than one that came in the last kSilence. Repetitions are in
-  /// order.
+  /// Returns false if a message with a higher number came less than kSilence ago. Repetitions are in order.
   bool in_order(const msg::Header& header, Clock::time_point now) {
     if (header.message() < newest_ && came_.here(now)) return false;
     newest_ = header.message();

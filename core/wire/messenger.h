@@ -17,8 +17,7 @@ namespace citylearn {
 /// goes out (Addressing). Used by one thread at a time.
 class Messenger {
  public:
-  /// Publishes a message after filling its header. `session`: for a node that hears all sessions; empty: the node's
-  /// own.
+  /// Fills the header of a message and publishes it. `session`: for a node that hears all of them; empty: its own.
   template <class Message>
   void publish(Message& message, const std::string& session = "") {
     stamp(message.header(), session);

@@ -23,8 +23,7 @@ class Node : public Messenger {
   bool wait(Clock::time_point deadline);
   /// Publishes a heartbeat when it is due. Returns when the next one is.
   Clock::time_point publish_heartbeat_if_due();
-  /// Sets what the next heartbeats say; `rate` is in environment steps per second. A changed state is published at
-  /// once.
+  /// Sets what the next heartbeats say; `rate`: environment steps per second. A changed state is published at once.
   void report(msg::State state, const std::string& activity, float rate = 0);
   /// Reports a problem ("the disk is full; the one before is kept") of `what` ("checkpoint"), once in the log and in
   /// every heartbeat, until called with an empty `problem`.
