@@ -5,11 +5,20 @@
 
 namespace citylearn {
 
-/// Returns how many places the pairs (column i of one recording, column i of the other) are wrong by: the median
-/// distance between a place and its counterpart on the monotone path of greatest similarity, forwards or backwards. 0
-/// where that is less than 3, where the path is not clearly more similar than the pairs, or where the recordings have
-/// too little in common to tell. `taught` and `walked`: D x N features each, of the same places if the pairs are right;
-/// columns that only one has do not count.
-int places_apart(const Matrix<float>& taught, const Matrix<float>& walked);
+/// What two recordings show of the pairs that their columns are said to be.
+struct Pairing {
+  /// Median distance, in places, between a place and where the other recording shows it; 0: less than 3, or unclear.
+  int apart = 0;
+  /// No order of the one recording resembles the other: another street, or pictures that tell nothing.
+  bool unlike = false;
+
+  bool operator==(const Pairing&) const = default;
+};
+
+/// Compares the similarity of the pairs (column i of one, column i of the other) with that along lines, forwards and
+/// backwards, at half to double speed, and along the monotone path of greatest similarity. Nothing is said of fewer
+/// than 16 places, of other features, or where the lines differ too little to tell. `taught` and `walked`: D x N
+/// features each; columns that only one has do not count.
+Pairing examine_pairs(const Matrix<float>& taught, const Matrix<float>& walked);
 
 }  // namespace citylearn

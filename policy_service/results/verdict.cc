@@ -52,7 +52,7 @@ std::vector<std::string> names(const std::vector<ScoreRow>& rows, std::string Sc
 }
 
 enum class Fault { kNone, kBlind, kFilter, kPart };
-enum class Cause { kUnknown, kSteps, kPairs, kAlike, kChanged, kAgent };
+enum class Cause { kUnknown, kSteps, kPairs, kAlike, kUnlike, kChanged, kAgent };
 
 /// Traversals on which the same can be said of an agent, with the SPL of each.
 struct Group {
@@ -69,11 +69,12 @@ Fault fault_of(double own, std::optional<double> blind, std::optional<double> fi
 }
 
 Cause cause_of(std::optional<double> filter, std::optional<double> oracle, std::optional<double> shortest_completed,
-               int apart) {
+               const Pairing& pairing) {
   if (shortest_completed && *shortest_completed < kMostCompleted) return Cause::kSteps;
-  if (apart > 0) return Cause::kPairs;
+  if (pairing.apart > 0) return Cause::kPairs;
   if (oracle && *oracle < kGoodSpl) return Cause::kAlike;
   if (filter && *filter >= kGoodSpl) return Cause::kAgent;
+  if (pairing.unlike) return Cause::kUnlike;
   return oracle && filter ? Cause::kChanged : Cause::kUnknown;
 }
 
@@ -122,6 +123,11 @@ std::string advice(Cause cause, const Group& group) {
           "Places look alike there: oracle_filter, which was given the very frames, reaches {}. Try an encoder with "
           "more detail (--encoder, --dimension), or another part of the route (--frames).",
           range(group.oracle));
+    case Cause::kUnlike:
+      return fmt::format(
+          "No part of it looks like the training's, in whatever order: it may show another street, or nothing that "
+          "tells places apart. Look at it (citylearn data check). If it is the right one, try another encoder "
+          "(citylearn vpr compares them).");
     case Cause::kChanged:
       return fmt::format(
           "The frames differ too much from the training's: sequence_filter reaches {}, and {} if given the very "
@@ -179,16 +185,16 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
     const Fault fault = fault_of(*own, blind, filter);
     const bool trained =
         std::find(options.trained_on.begin(), options.trained_on.end(), traversal) != options.trained_on.end();
-    const auto pairs = options.places_apart.find(traversal);
-    const int apart = pairs == options.places_apart.end() ? 0 : pairs->second;
+    const auto pairs = options.pairings.find(traversal);
+    const Pairing pairing = pairs == options.pairings.end() ? Pairing() : pairs->second;
     Group& group =
-        groups[{trained, fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, apart)}];
+        groups[{trained, fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, pairing)}];
     group.traversals.push_back(traversal);
     group.own.push_back(*own);
     if (blind) group.blind.push_back(*blind);
     if (filter) group.filter.push_back(*filter);
     if (oracle) group.oracle.push_back(*oracle);
-    if (apart > 0) group.apart.push_back(apart);
+    if (pairing.apart > 0) group.apart.push_back(pairing.apart);
     if (shortest) group.shortest_completed.push_back(*shortest);
   }
   std::string text;

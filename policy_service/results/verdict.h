@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "policy_service/results/pairing.h"
 #include "policy_service/results/score.h"
 
 namespace citylearn {
@@ -16,7 +17,7 @@ std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& ro
 /// What a verdict knows beside SPL.
 struct VerdictOptions {
   std::vector<std::string> trained_on;      ///< traversals; success there shows nothing about others
-  std::map<std::string, int> places_apart;  ///< by traversal, as places_apart() of it and the one trained on
+  std::map<std::string, Pairing> pairings;  ///< by traversal, as examine_pairs() of it and the one trained on
 };
 
 /// Returns, in words, how the agent does on each traversal compared with the controls among `rows`, why it fails as far

@@ -8,7 +8,6 @@
 #include "core/exchange/timing.h"
 #include "policy_service/interchange/safetensors.h"
 #include "policy_service/network/checkpoint.h"
-#include "policy_service/results/pairing.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 
@@ -51,7 +50,7 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
     ControlTask& task = tasks.emplace(env->traversal(), route).first->second;
     task.reference = Eigen::Map<const Matrix<float>>(
         features.data(), static_cast<std::ptrdiff_t>(features.size()) / route.frames, route.frames);
-    places_apart_[env->traversal()] = citylearn::places_apart(taught, task.reference);
+    pairings_[env->traversal()] = examine_pairs(taught, task.reference);
   }
   return
       [&entry, parameters, tasks](const EnvHandle& env) { return entry.create(parameters, tasks.at(env.traversal())); };

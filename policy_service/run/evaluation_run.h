@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "policy_service/network/checkpoint.h"
+#include "policy_service/results/pairing.h"
 #include "policy_service/run/evaluation.h"
 #include "policy_service/run/run_context.h"
 
@@ -33,7 +34,7 @@ class EvaluationRun {
   void evaluate_all();
   const std::vector<ScoreRow>& rows() const { return rows_; }
   /// Returns by how many places each traversal's pairs with the one trained on are wrong, if oracle_filter was asked.
-  const std::map<std::string, int>& places_apart() const { return places_apart_; }
+  const std::map<std::string, Pairing>& pairings() const { return pairings_; }
 
  private:
   std::string gather_envs(Evaluation& evaluation, const std::string& label);
@@ -45,7 +46,7 @@ class EvaluationRun {
   RunContext& context_;
   std::optional<TrainedAgent> agent_;
   std::vector<ScoreRow> rows_;
-  std::map<std::string, int> places_apart_;
+  std::map<std::string, Pairing> pairings_;
 };
 
 }  // namespace citylearn

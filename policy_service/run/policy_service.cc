@@ -58,7 +58,7 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
       std::any_of(rows.begin(), rows.end(), [&](const ScoreRow& row) { return row.policy != rows.front().policy; });
   std::cout << (compares ? spl_matrix(context.options.agent, rows) : table(rows))
             << verdict(context.options.agent, rows,
-                       {training ? options.train : std::vector<std::string>(), evaluation.places_apart()})
+                       {training ? options.train : std::vector<std::string>(), evaluation.pairings()})
             << std::flush;
   if (!options.output.empty()) spdlog::info("wrote {}/summary.json", options.output);
   context.leave();

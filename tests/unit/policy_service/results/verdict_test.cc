@@ -118,14 +118,19 @@ TEST(Verdict, BlamesAStepLimitThatIsTooLow) {
 
 TEST(Verdict, BlamesThePairsBeforeTheFramesOrTheAgent) {
   EXPECT_EQ(verdict("features",
-                    rows_of({{"features", {{"fast", 0.73}, {"fall", 0.7}}},
-                             {"sequence_filter", {{"fast", 0.72}, {"fall", 0.72}}},
-                             {"oracle_filter", {{"fast", 1}, {"fall", 1}}}}),
-                    {{}, {{"fast", 17}, {"fall", 0}}}),
+                    rows_of({{"features", {{"fast", 0.73}, {"fall", 0.7}, {"park", 0.6}}},
+                             {"sequence_filter", {{"fast", 0.72}, {"fall", 0.72}, {"park", 0.61}}},
+                             {"oracle_filter", {{"fast", 1}, {"fall", 1}, {"park", 1}}}}),
+                    {{}, {{"fast", {.apart = 17}}, {"fall", {}}, {"park", {.unlike = true}}}}),
             "features finds its way only in part in fast (SPL 0.730).\n"
             "  The pairs are wrong there: by what they show, frames of one index are about 17\n"
             "  places apart. Tell which frames show the same place (--align-by, or\n"
             "  DIR/matches.csv).\n"
+            "features finds its way only in part in park (SPL 0.600).\n"
+            "  No part of it looks like the training's, in whatever order: it may show\n"
+            "  another street, or nothing that tells places apart. Look at it (citylearn data\n"
+            "  check). If it is the right one, try another encoder (citylearn vpr compares\n"
+            "  them).\n"
             "features finds its way only in part in fall (SPL 0.700).\n"
             "  The frames differ too much from the training's: sequence_filter reaches 0.720,\n"
             "  and 1.000 if given the very frames. Try another encoder (citylearn vpr\n"
