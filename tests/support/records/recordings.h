@@ -15,6 +15,7 @@ namespace citylearn::testing {
 class Tape {
  public:
   explicit Tape(const std::string& path, const McapWriter::Options& options = {"test", {}}) : writer(path, options) {}
+  ~Tape() { writer.close(); }
 
   template <class Message>
   void say(const Message& message, std::uint64_t time) {
