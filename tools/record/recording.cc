@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/record/recording.h"
 
-#include <algorithm>
-#include <chrono>
 #include <filesystem>
 
 #include "core/exchange/timing.h"
