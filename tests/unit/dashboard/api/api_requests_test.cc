@@ -127,9 +127,7 @@ TEST_F(ApiTest, About) {
 
 TEST_F(ApiRunTest, DeletesARun) {
   expect_error(409, "is running", {"runs", id_}, {}, "DELETE");
-  msg::RunInfo end = run_info(0, 500, 2);
-  end.ended(true);
-  store_.record(end);
+  store_.record(ended(run_info(0, 500, 2)));
   const Answer answer = ask({"runs", id_}, {}, "DELETE");
   EXPECT_EQ(answer.status, 204);
   EXPECT_EQ(answer.body, "");

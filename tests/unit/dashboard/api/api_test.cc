@@ -28,9 +28,7 @@ TEST_F(ApiTest, Runs) {
   EXPECT_EQ(run["state"], "running");
   EXPECT_EQ(run["reward"], nullptr) << "unknown";
   store_.record(training_stats(1, 4));
-  msg::RunInfo end = run_info(6, 500, 2);
-  end.ended(true);
-  store_.record(end);
+  store_.record(ended(run_info(6, 500, 2)));
   const Json ended = json({"runs", id_});
   EXPECT_EQ(ended["state"], "ended");
   EXPECT_EQ(ended["updates"], 6);
@@ -59,9 +57,7 @@ TEST_F(ApiRunTest, ARunsTraversals) {
   EXPECT_EQ(running[0], summer) << "as its episodes knew it";
   expect_row(running[0], "traversal");
   EXPECT_EQ(running[1]["environment"], "env-fall");
-  msg::RunInfo end = run_info(0, 500, 2);
-  end.ended(true);
-  store_.record(end);
+  store_.record(ended(run_info(0, 500, 2)));
   EXPECT_EQ(json({"runs", id_})["traversals"], Json::array({summer})) << "what its episodes were on";
 }
 
