@@ -2,6 +2,7 @@
 #include "tools/record/recording.h"
 
 #include <filesystem>
+#include <set>
 
 #include "core/exchange/timing.h"
 #include "core/recording/idl_text.h"
