@@ -5,6 +5,7 @@
 #include "bench/cases/cases.h"
 #include "bench/program.h"
 #include "core/wire/node.h"
+#include "tests/support/options.h"
 
 namespace citylearn::bench {
 namespace {
@@ -24,12 +25,7 @@ double time_until(Node& node, Clock::time_point since, const std::function<bool(
 /// Starts each service once and adds the seconds to those of what is measured. Listens to what they say first.
 void start(const std::string& middleware, std::map<std::string, std::vector<double>>& times) {
   Session session(middleware);
-  NodeOptions options;
-  options.service = options.id = "listener";
-  options.session = session.name();
-  options.middleware.name = middleware;
-  options.middleware.domain = kDomain;
-  Node node(options);
+  Node node({testing::middleware_options(middleware, kDomain), "listener", "listener", session.name()});
   node.create_reader<msg::TraversalInfo>();
   node.create_reader_at<msg::Observation>("numbers");
   const auto time_to_announcement = [&](Clock::time_point since, const std::string& id) {

@@ -11,6 +11,7 @@
 #include "core/util/error.h"
 #include "dashboard/api/api.h"
 #include "dashboard/store/recorder.h"
+#include "tests/support/options.h"
 #include "tests/support/records/records.h"
 
 namespace citylearn::bench {
@@ -47,9 +48,7 @@ double plain_rate(const std::string& path, std::uint64_t total, std::size_t batc
 void recording(const std::string& folder, std::uint64_t total) {
   std::printf("%8s %14s %14s %14s\n", "batch", "episodes/s", "plain file", "of plain file");
   for (const std::size_t batch : {32, 256, 2000}) {
-    Store::Options options;
-    options.path = folder + "/record-" + std::to_string(batch) + ".sqlite";
-    Store store(options);
+    Store store({folder + "/record-" + std::to_string(batch) + ".sqlite"});
     store.record(run_info());
     const std::uint64_t count = std::min<std::uint64_t>(total, 2000 * batch) / batch * batch;
     const std::vector<msg::EpisodeStat> all = episodes(1, count);
@@ -58,7 +57,7 @@ void recording(const std::string& folder, std::uint64_t total) {
         if (store.record(std::span(all).subspan(begin, batch)) != batch) throw Error("not all were recorded");
     });
     const double rate = static_cast<double>(count) / time;
-    const std::size_t bytes = std::filesystem::file_size(options.path) / count;
+    const std::size_t bytes = std::filesystem::file_size(store.path()) / count;
     const double plain = plain_rate(folder + "/plain", count, batch, bytes);
     std::printf("%8zu %14.0f %14.0f %14.2f\n", batch, rate, plain, rate / plain);
     record_figure({.name = "recorded by " + std::to_string(batch) + " at once", .value = rate, .unit = "episodes/s"});
@@ -69,19 +68,11 @@ void recording(const std::string& folder, std::uint64_t total) {
 /// Returns the episodes per second of an env_service with many unrecorded ones. A writer's depth of them is sent ahead.
 double catching_up(const std::string& folder, const std::string& middleware, std::uint64_t total) {
   const auto node_options = [&](const std::string& service, const std::string& id) {
-    Node::Options options;
-    options.middleware.name = middleware;
-    options.middleware.domain = 214;
-    options.service = service;
-    options.id = id;
-    options.session = "demo";
-    return options;
+    return NodeOptions{middleware_options(middleware, 214), service, id, "demo"};
   };
   constexpr std::uint64_t kWindow = 256;
   std::atomic<bool> failed = false;
-  Store::Options options;
-  options.path = folder + "/catching-up-" + middleware + ".sqlite";
-  Store store(options);
+  Store store({folder + "/catching-up-" + middleware + ".sqlite"});
   double time = 0;
   std::thread environment([&] {
     Node node(node_options("env_service", "env-summer"));
@@ -124,9 +115,7 @@ double catching_up(const std::string& folder, const std::string& middleware, std
 }
 
 void opening(const std::string& folder) {
-  Store::Options options;
-  options.path = folder + "/open.sqlite";
-  Store store(options);
+  Store store({folder + "/open.sqlite"});
   store.record(run_info(kUpdates));
   for (std::uint64_t first = 1; first <= kUpdates; first += 2000) store.record(training_stats(first, first + 1999));
   std::vector<msg::EpisodeStat> some = episodes(1, 50'000);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What do several learners gain that share the work, and what does sharing cost? (README.md)
 #include <cstdio>
-#include <memory>
 #include <string>
 #include <thread>
 #include <vector>

@@ -9,13 +9,14 @@
 #include <cstdio>
 #include <cstring>
 #include <mutex>
-#include <optional>
 
 #include "bench/bench.h"
 #include "bench/figures.h"
 #include "bench/program.h"
 #include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
+#include "tests/support/options.h"
+#include "tests/support/processes/peer.h"
 
 namespace {
 
@@ -75,12 +76,6 @@ std::uint32_t number_in(std::span<const std::byte> sample) {
   return number;
 }
 void set_number(Bytes& sample, std::uint32_t number) { std::memcpy(sample.data() + 4, &number, sizeof number); }
-
-/// Returns whether the program that started this one has ended (testing::Child).
-bool input_ended() {
-  pollfd input{STDIN_FILENO, POLLIN, 0};
-  return poll(&input, 1, 0) > 0;
-}
 
 /// Times of the trips asked for, one after another, after a tenth of them for warming up. A question unanswered for 200
 /// ms is sent again.
@@ -173,10 +168,7 @@ std::vector<double> ask_bare(const Settings& settings, const std::string& vendor
 
 MiddlewareOptions middleware_options(const Settings& settings, const std::string& vendor,
                                      const std::string& participant) {
-  MiddlewareOptions options;
-  options.name = vendor;
-  options.domain = settings.domain;
-  options.participant = participant;
+  MiddlewareOptions options = testing::middleware_options(vendor, settings.domain, participant);
   if (!settings.keys.empty()) options.security = settings.keys + "/" + participant;
   return options;
 }
@@ -196,7 +188,7 @@ void answer_middleware(const Settings& settings, const std::string& vendor) {
   answer[1] = std::byte{1};
   const auto publisher = middleware->create_publisher(topics.answer);
   const auto subscription = middleware->create_subscription(topics.question);
-  while (!input_ended())
+  while (!testing::input_ended())  // until the program that started this one has ended
     for (const auto limit = Clock::now() + milliseconds(100); middleware->wait(limit);)
       while (subscription->take(question)) {
         set_number(answer, number_in(question));
@@ -227,12 +219,7 @@ std::vector<double> ask_middleware(const Settings& settings, const std::string& 
 }
 
 Node::Options node_options(const Settings& settings, const std::string& vendor, const std::string& id) {
-  Node::Options options;
-  options.middleware = middleware_options(settings, vendor, id);
-  options.service = "bench";
-  options.id = id;
-  options.session = "bench";
-  return options;
+  return {middleware_options(settings, vendor, id), "bench", id, "bench"};
 }
 
 void answer_node(const Settings& settings, const std::string& vendor) {
@@ -241,7 +228,7 @@ void answer_node(const Settings& settings, const std::string& vendor) {
   msg::Observation question;
   msg::Action answer = make_action(settings);
   answer.environment("asker");
-  while (!input_ended())
+  while (!testing::input_ended())  // until the program that started this one has ended
     for (const auto limit = Clock::now() + milliseconds(100); node.wait(limit);)
       while (node.take(question)) {
         answer.step(question.step());

@@ -17,6 +17,7 @@
 #include "core/files/files.h"
 #include "core/util/error.h"
 #include "core/wire/node.h"
+#include "tests/support/options.h"
 #include "tests/support/processes/hosts.h"
 
 namespace {
@@ -165,12 +166,7 @@ class Scene {
       start("dashboard",
             {CITYLEARN_DASHBOARD, "--port", "0", "--store", folder_ / "store.sqlite", "--recognition", folder_.path()});
     if (c.encoder) start("encoder", {CITYLEARN_ENCODER_SERVICE, "--store", folder_ / "features", "--encoder", "hog"});
-    Node::Options options;
-    options.middleware = network("watcher");
-    options.service = "watcher";
-    options.id = "watcher";
-    options.session = run_;
-    node_ = std::make_unique<Node>(options);
+    node_ = std::make_unique<Node>(NodeOptions{network("watcher"), "watcher", "watcher", run_});
     node_->create_reader<msg::ServiceStatus>();
   }
 
@@ -225,12 +221,9 @@ class Scene {
 
  private:
   MiddlewareOptions network(const std::string& id) {
-    MiddlewareOptions options;
-    options.name = middleware_;
-    options.domain = kDomain;
+    MiddlewareOptions options = testing::middleware_options(middleware_, kDomain, id);
     options.interfaces = {Hosts::interface()};
     options.peers = peers();
-    options.participant = id;
     return options;
   }
   Arguments peers() const {

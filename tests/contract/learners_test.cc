@@ -46,12 +46,9 @@ class Learners : public ::testing::TestWithParam<const LearnerEntry*> {
     return values;
   }
   TrainerOptions small() const {
-    TrainerOptions options;
-    options.agent = "features";
+    TrainerOptions options = small_options("features");
     options.learner = entry().name;
-    options.network_parameters = {{"hidden", 24}, {"cells", 16}};
     options.learner_parameters = known({{"minibatch", 3}, {"epochs", 2}, {"replay", 500}});
-    options.trainer_parameters = {{"segment", 24}, {"sequence", 12}, {"steps", 20000}};
     return options;
   }
 };

@@ -65,7 +65,6 @@ int main(int argc, char** argv) try {
                           {"incarnation", std::to_string(message.header().incarnation())},
                           {"fields", fields_of(message)}});
     });
-  tape.writer.close();
   std::ofstream(std::string(argv[1]) + ".json") << nlohmann::json{{"messages", messages}, {"types", types.size()}};
 } catch (const std::exception& error) {
   std::cerr << "mcap_sample: " << error.what() << "\n";

@@ -214,7 +214,6 @@ TEST(Ros2Conversions, WhatStandsBeforeADamageIsConverted) {
       update.update(number);
       tape.say(update, 1'000'000 * number);
     }
-    tape.writer.close();
   }
   std::fstream bytes(recording, std::ios::in | std::ios::out | std::ios::binary);
   bytes.seekp(static_cast<std::streamoff>(std::filesystem::file_size(recording) / 2));

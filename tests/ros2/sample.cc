@@ -148,10 +148,7 @@ class Sample {
                {{"data", figure.value(update)}});
   }
 
-  void close(const std::string& path) {
-    tape_.writer.close();
-    std::ofstream(path + ".json") << expected_;
-  }
+  void write_expected(const std::string& path) const { std::ofstream(path + ".json") << expected_; }
 
  private:
   static float position(std::uint32_t frame) { return frame == kUnknown ? kNan : 2.5f * static_cast<float>(frame); }
@@ -203,7 +200,7 @@ int main(int argc, char** argv) try {
   sample.map();
   sample.pictures();
   sample.results();
-  sample.close(argv[1]);
+  sample.write_expected(argv[1]);
 } catch (const std::exception& error) {
   std::cerr << "ros2_sample: " << error.what() << "\n";
   return 1;

@@ -16,7 +16,6 @@ namespace {
 
 TEST_P(EnvProtocol, ByReferenceObservationsNameTheirFramesAndNothingElseChanges) {
   const std::uint32_t count = 16;
-  policy_->walker = &blind_;
   msg::TaskSettings by_reference = tasks(count);
   by_reference.by_reference() = true;
   policy_->command(by_reference);
@@ -37,13 +36,11 @@ TEST_P(EnvProtocol, ByReferenceObservationsNameTheirFramesAndNothingElseChanges)
 
 TEST_P(EnvProtocol, WholeEvaluation) {
   const std::uint32_t count = GetParam().lossy ? 20 : 100;  // each loss costs 50 ms
-  policy_->walker = &blind_;
   policy_->command(tasks(count));
   expect_evaluation(count);
 }
 
 TEST_P(EnvProtocol, LostActionsOnlyCostTime) {
-  policy_->walker = &blind_;
   policy_->ignore_every = 7;
   policy_->command(tasks(16));
   expect_evaluation(16);
@@ -51,7 +48,6 @@ TEST_P(EnvProtocol, LostActionsOnlyCostTime) {
 }
 
 TEST_P(EnvProtocol, RepeatedActionsChangeNothing) {
-  policy_->walker = &blind_;
   policy_->copies = 3;
   policy_->command(tasks(24));
   expect_evaluation(24);
@@ -59,7 +55,6 @@ TEST_P(EnvProtocol, RepeatedActionsChangeNothing) {
 }
 
 TEST_P(EnvProtocol, ActionsOfOtherSettingsStepsAndIncarnationsChangeNothing) {
-  policy_->walker = &blind_;
   policy_->command(tasks(16));
   const std::function<void(msg::Action&)> changes[] = {
       [](msg::Action& a) { a.step() += 1; }, [](msg::Action& a) { a.settings().version() += 1; },
@@ -75,7 +70,6 @@ TEST_P(EnvProtocol, ActionsOfOtherSettingsStepsAndIncarnationsChangeNothing) {
 }
 
 TEST_P(EnvProtocol, MaskedActionsAreRejectedAndTheGoodOneStillCounts) {
-  policy_->walker = &blind_;
   policy_->command(tasks(8));
   int spoiled = 0;
   policy_->spoil = [&](msg::Action& action) {
@@ -103,7 +97,6 @@ TEST_P(EnvProtocol, MaskedActionsAreRejectedAndTheGoodOneStillCounts) {
 }
 
 TEST_P(EnvProtocol, TrainingGoesOnForEver) {
-  policy_->walker = &blind_;
   policy_->command(settings(msg::TRAIN, 32, 64));
   const std::uint64_t enough = GetParam().lossy ? 20 : 100;
   ASSERT_TRUE(policy_->until([&] { return policy_->recorded >= enough; }));
@@ -117,14 +110,11 @@ TEST_P(EnvProtocol, TrainingGoesOnForEver) {
 }
 
 TEST_P(EnvProtocol, RestartedPolicyTakesOverMidEpisode) {
-  policy_->walker = &blind_;
-  policy_->command(settings(msg::TRAIN, 64, 64));
-  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 30; }));
+  ASSERT_TRUE(trains(64, 30));
   const std::uint64_t last = policy_->recorded;
   const msg::Observation old = policy_->seen;
   policy_.reset();
   policy_ = new_policy();
-  policy_->walker = &blind_;
   policy_->command(tasks(24));
   ASSERT_TRUE(policy_->until([&] { return policy_->in_force() && policy_->steps() > 10; })) << "its settings win";
   // What its predecessor had on the way comes late.
@@ -149,9 +139,7 @@ TEST_P(EnvProtocol, RestartedPolicyTakesOverMidEpisode) {
 }
 
 TEST_P(EnvProtocol, AnotherPolicyWaitsUntilTheFirstIsGone) {
-  policy_->walker = &blind_;
-  policy_->command(settings(msg::TRAIN, 32, 64));
-  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 20; }));
+  ASSERT_TRUE(trains(32, 20));
   ScriptedPolicy other(Host::middleware(GetParam(), 7), run_, "env-summer");
   other.walker = &blind_;
   other.command(settings(msg::TRAIN, 16, 64));
@@ -168,9 +156,7 @@ TEST_P(EnvProtocol, AnotherPolicyWaitsUntilTheFirstIsGone) {
 
 // A policy_service that was restarted after its host's clock had been set back.
 TEST_P(EnvProtocol, APolicyWhoseClockWasSetBackTakesOver) {
-  policy_->walker = &blind_;
-  policy_->command(settings(msg::TRAIN, 32, 64));
-  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 20; }));
+  ASSERT_TRUE(trains(32, 20));
   msg::TaskSettings earlier = settings(msg::TRAIN, 16, 64);
   earlier.environment() = "env-summer";
   earlier.header() = policy_->commanded().header();
@@ -208,9 +194,7 @@ TEST_P(EnvProtocol, OlderSettingsAreIgnoredAndRepeatedOnesConfirmedAgain) {
 }
 
 TEST_P(EnvProtocol, IdleIsConfirmedAndSilent) {
-  policy_->walker = &blind_;
-  policy_->command(settings(msg::TRAIN, 32, 64));
-  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 5; }));
+  ASSERT_TRUE(trains(32, 5));
   policy_->command(idle());
   ASSERT_TRUE(policy_->until([&] { return policy_->in_force(); }));
   EXPECT_EQ(policy_->info.settings().version(), 2u);
@@ -224,9 +208,7 @@ TEST_P(EnvProtocol, IdleIsConfirmedAndSilent) {
 }
 
 TEST_P(EnvProtocol, RefusedSettingsAreToldAndNotInForce) {
-  policy_->walker = &blind_;
-  policy_->command(settings(msg::TRAIN, 32, 64));
-  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 5; }));
+  ASSERT_TRUE(trains(32, 5));
   policy_->command(settings(msg::TRAIN, 201, 64));
   ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() == msg::FAILED; }));
   EXPECT_TRUE(contains(policy_->status.activity().c_str(), "TaskSettings.frames: the route ends at frame 201"))
@@ -240,7 +222,6 @@ TEST_P(EnvProtocol, RefusedSettingsAreToldAndNotInForce) {
 TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
   // No more than are repeated at once, or those lost after the first 64 would wait for an acknowledgement.
   const std::uint32_t count = GetParam().lossy ? 16 : 60, part = count * 2 / 3;
-  policy_->walker = &blind_;
   policy_->acknowledge = false;
   policy_->command(tasks(count));
   ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
@@ -280,7 +261,6 @@ TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
 
 /// The dashboard comes late, dies in the middle and comes back; the policy_service has had everything long before.
 TEST_P(EnvProtocol, SilentPolicyIsWaitedFor) {
-  policy_->walker = &blind_;
   policy_->command(tasks(16));
   ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 10; }));
   policy_->walker = nullptr;

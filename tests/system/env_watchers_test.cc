@@ -107,7 +107,6 @@ TEST_P(EnvWatchers, EveryRecorderGetsEveryEpisode) {
 }
 
 TEST_P(EnvWatchers, ScenesAreForWhoeverWatches) {
-  policy_->walker = &blind_;
   msg::TaskSettings with = settings(msg::TRAIN, 64, 64);
   with.first_frame() = 20;
   with.policy() = "blind";

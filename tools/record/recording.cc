@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/record/recording.h"
 
-#include <algorithm>
-#include <chrono>
 #include <filesystem>
+#include <set>
 
 #include "core/exchange/timing.h"
 #include "core/recording/idl_text.h"

@@ -8,16 +8,52 @@
 #include <filesystem>
 
 #include "core/exchange/timing.h"
+#include "core/recording/mcap_writer.h"
 #include "core/ros2/participant.h"
 #include "core/util/version.h"
+#include "core/util/wall_clock.h"
 #include "core/wire/service.h"
 #include "tools/ros2/bridge.h"
 #include "tools/ros2/conversion.h"
-#include "tools/ros2/sinks.h"
 
 namespace {
 
 using namespace citylearn;
+
+constexpr std::uint64_t kFlushInterval = 1'000'000'000;  // nanoseconds
+
+/// Writes an MCAP file of profile ros2, which rosbag2, Foxglove, Lichtblick and Rerun open.
+class Ros2File : public Ros2Sink {
+ public:
+  /// Throws Error naming the file when it is there already or cannot be made.
+  explicit Ros2File(const std::string& path)
+      : writer_(path, {.library = "citylearn " + version(), .about = {}, .profile = "ros2"}) {}
+  void publish(const Ros2Message& message) override {
+    std::uint16_t& channel = channels_[message.topic];
+    // rosbag2 asks for the qualities; none given are its default.
+    if (channel == 0)
+      channel = writer_.add(
+          {message.topic, message.type->name, "ros2msg", message.type->schema, "cdr", {{"offered_qos_profiles", ""}}});
+    writer_.write(channel, message.time, message.data);
+    ++counts_[message.topic];
+  }
+  /// Writes what has waited for a second.
+  void poll() {
+    if (const std::uint64_t since = writer_.waiting_since();
+        since != 0 && nanoseconds_since_epoch() - since >= kFlushInterval)
+      writer_.flush();
+  }
+  /// Writes all that is left, and the summary.
+  void close() { writer_.close(); }
+
+  std::uint64_t bytes() const { return writer_.bytes(); }
+  const std::map<std::string, std::uint64_t>& counts() const { return counts_; }  ///< messages by topic
+
+ private:
+  McapWriter writer_;
+  std::map<std::string, std::uint16_t> channels_;  // by topic
+  std::map<std::string, std::uint64_t> counts_;
+};
 
 struct CommandLine {
   std::vector<std::string> open;
@@ -71,7 +107,7 @@ void print(const Ros2File& file, const std::string& path) {
 
 int convert(const CommandLine& line) {
   if (line.output.empty()) throw Error("needs a file to write", "--open", "add --output FILE.mcap");
-  Ros2File file(line.output, "citylearn " + version());
+  Ros2File file(line.output);
   const std::string session = line.session->count() > 0 ? line.node.session : "";
   Ros2ConversionResult result;
   try {
@@ -123,7 +159,7 @@ void run(const CommandLine& line, Ros2Sink& sink, const std::string& activity, P
 
 int bridge(const CommandLine& line) {
   if (!line.output.empty()) {
-    Ros2File file(line.output, "citylearn " + version());
+    Ros2File file(line.output);
     run(line, file, "records to " + line.output, [&] { file.poll(); });
     file.close();
     print(file, line.output);

@@ -8,7 +8,6 @@
 #include <memory>
 #include <semaphore>
 #include <set>
-#include <string>
 #include <thread>
 #include <tuple>
 #include <utility>

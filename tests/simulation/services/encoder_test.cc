@@ -78,6 +78,10 @@ std::map<std::string, std::string> stored_files(const std::string& store) {
   return files;
 }
 
+bool serves_summer(const Service& encoder) {
+  return occurrences(encoder.output(), "serves 'env-summer'") > occurrences(encoder.output(), "leaves 'env-summer'");
+}
+
 constexpr int kLongWayFrames = 320;  // five blocks
 const std::string kLongWayCount = std::to_string(kLongWayFrames);
 const Arguments kLongWay = {"--dataset", "synthetic", "--frames", "0:" + kLongWayCount};
@@ -112,9 +116,7 @@ TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnc
         ASSERT_TRUE(poll_until(
             [&] {
               for (std::size_t i = 0; i < ids.size(); ++i)
-                if (occurrences(encoders[i]->output(), "serves 'env-summer'") >
-                    occurrences(encoders[i]->output(), "leaves 'env-summer'"))
-                  serving = i;
+                if (serves_summer(*encoders[i])) serving = i;
               return serving < ids.size();
             },
             kEncodingWait))
@@ -192,9 +194,7 @@ TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
     ASSERT_TRUE(poll_until(
         [&] {
           for (const auto& [id, encoder] : encoders)
-            if (occurrences(encoder->output(), "serves 'env-summer'") >
-                occurrences(encoder->output(), "leaves 'env-summer'"))
-              serving = id;
+            if (serves_summer(*encoder)) serving = id;
           return !serving.empty();
         },
         kEncodingWait))

@@ -178,9 +178,7 @@ TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsRefusedInTheEnd) {
   info.traversal() = "hoard";
   info.frames() = 20;
   info.feature_dimension() = 100000;
-  EnvClientOptions options;
-  options.patience = milliseconds(300);
-  Player player(run_, options);
+  Player player(run_, {.patience = milliseconds(300)});
   Clock::time_point again{};
   const auto tell = [&] {
     if (Clock::now() < again) return;
@@ -223,9 +221,7 @@ TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   traversal_object({77, 2, 0}, positions, [&](std::uint32_t) {
     return std::span<const float>(features);
   })->fill(0, chunk);
-  EnvClientOptions options;
-  options.observing = Observing::kByReference;
-  Player player(run_, options);
+  Player player(run_, {.observing = Observing::kByReference});
   owner.publish(info);
   ASSERT_TRUE(player.env("owner"));
   player.client.command(*player.env("owner"), route(0, 3));
@@ -262,9 +258,7 @@ TEST_F(EnvClientTest, MapsTellWhereEachFrameWasRecorded) {
 TEST_F(EnvClientTest, WholeObservationsThatCannotBeAreRefused) {
   const Traversal traversal = wide_traversal("wide", 3, 100000);
   const Host host(traversal, 3, run_);
-  EnvClientOptions options;
-  options.observing = Observing::kWhole;
-  Player player(run_, options);
+  Player player(run_, {.observing = Observing::kWhole});
   EnvHandle* env = player.env("env-wide");
   ASSERT_TRUE(env);
   EXPECT_TRUE(contains(env->refusal, "the features of 3 agents x 100000 do not fit one observation"));

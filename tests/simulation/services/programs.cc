@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/services/programs.h"
-
+// Runs the tests of a program in simulation.
+#include <gtest/gtest.h>
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 
 #include <csignal>
 #include <cstdlib>
+#include <functional>
 #include <iostream>
 #include <map>
 #include <mutex>
@@ -188,8 +189,10 @@ std::unique_ptr<testing::RunningProgram> start_simulated(const Arguments& comman
   return std::make_unique<SimulatedProgram>(command);
 }
 
-}  // namespace
-
+/// Calls `body` as a process of a simulation and returns its exit status. The programs that it starts by
+/// testing::Service run there too: env_service, encoder_service and policy_service with their own main functions and
+/// command lines, and recorder_process. Their time is virtual, and so is that of `body`. What happens in which order is
+/// drawn from CITYLEARN_SIMULATION_SEED (1).
 int run_simulated(const std::function<int()>& body) {
   cv::setNumThreads(0);  // one thread a process
   const char* seed = std::getenv("CITYLEARN_SIMULATION_SEED");
@@ -207,4 +210,10 @@ int run_simulated(const std::function<int()>& body) {
   return test.status();
 }
 
+}  // namespace
 }  // namespace citylearn::simulation
+
+int main(int argc, char** argv) {
+  ::testing::InitGoogleTest(&argc, argv);
+  return citylearn::simulation::run_simulated([] { return RUN_ALL_TESTS(); });
+}

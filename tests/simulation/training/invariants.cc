@@ -3,7 +3,6 @@
 
 #include <fstream>
 #include <iterator>
-#include <utility>
 
 #include "core/files/csv.h"
 #include "tests/simulation/training/services.h"

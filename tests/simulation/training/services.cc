@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <utility>
 
 #include "core/recording/mcap.h"
 #include "core/recording/replayer.h"

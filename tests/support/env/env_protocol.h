@@ -69,8 +69,16 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
   }
   ~EnvProtocol() override { spdlog::set_level(spdlog::level::info); }
 
-  std::unique_ptr<ScriptedPolicy> new_policy() const {
-    return std::make_unique<ScriptedPolicy>(Host::middleware(GetParam(), 2), run_, "env-summer");
+  /// Returns another process of the policy_service.
+  std::unique_ptr<ScriptedPolicy> new_policy() {
+    auto policy = std::make_unique<ScriptedPolicy>(Host::middleware(GetParam(), 2), run_, "env-summer");
+    policy->walker = &blind_;
+    return policy;
+  }
+  /// Commands training on so many frames; false when it does not come beyond `steps`.
+  bool trains(std::uint32_t frames, int steps) {
+    policy_->command(settings(msg::TRAIN, frames, 64));
+    return policy_->until([&] { return policy_->steps() > steps; });
   }
 
   /// Expects `count` episodes, the same as those of these settings and this walker without a wire.
@@ -117,8 +125,8 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
 
   const std::string run_;
   Host host_;
-  std::unique_ptr<ScriptedPolicy> policy_;
   BlindSweep blind_{64};
+  std::unique_ptr<ScriptedPolicy> policy_;
 };
 
 }  // namespace citylearn::testing

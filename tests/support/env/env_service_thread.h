@@ -41,7 +41,7 @@ inline std::unique_ptr<BackgroundTask> start_background_thread(const TaskBody& b
 }
 
 /// The function by which tests start what runs beside them. Those in simulation start a process there
-/// (tests/simulation/services/programs.h).
+/// (tests/simulation/services/programs.cc).
 inline std::unique_ptr<BackgroundTask> (*start_background)(const TaskBody& body) = start_background_thread;
 
 /// An env_service that runs beside the test until this object goes.

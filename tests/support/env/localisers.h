@@ -11,6 +11,7 @@
 
 #include "core/wire/messages.h"
 #include "env_service/environment.h"
+#include "tests/support/env/env.h"
 
 namespace citylearn::testing {
 
@@ -129,14 +130,9 @@ struct Figures {
 
 /// Settings of the evaluation that TASK's figures are about: the first 128 frames, 128 steps.
 inline msg::TaskSettings evaluation(std::uint32_t tasks, std::uint32_t frames = 128, std::uint32_t max_steps = 128) {
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::EVALUATE;
-  settings.settings().version() = 1;
-  settings.frames() = frames;
-  settings.max_steps() = max_steps;
-  settings.seed() = 7;
-  settings.tasks() = tasks;
-  return settings;
+  msg::TaskSettings all = settings(msg::EVALUATE, frames, max_steps, 7);
+  all.tasks() = tasks;
+  return all;
 }
 
 /// Every episode of a whole evaluation, by its task.

@@ -19,6 +19,7 @@
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/task_waves.h"
+#include "tests/support/env/env.h"
 #include "tests/support/files.h"
 #include "tools/export/picture_export.h"
 #include "tools/lab/descriptors.h"
@@ -92,19 +93,15 @@ class PictureAgent {
     const TrainedAgent agent = trained_agent(checkpoint_);
     NetworkPolicy policy(agent, {.seed = kSeed, .greedy = false});
     Environment environment(season_seen_, 1);
-    msg::TaskSettings settings;
-    settings.task_mode() = msg::EVALUATE;
-    settings.frames() = kFrames;
-    settings.max_steps() = kFrames;
-    settings.seed() = task_seed;
+    msg::TaskSettings wave = settings(msg::EVALUATE, kFrames, kFrames, task_seed);
     msg::Observation seen;
     std::vector<std::uint8_t> choice;
     std::uint32_t task = 0;
     Random random(0);
     for (TaskWaves waves(4); waves.wave().first < 3 && !waves.done(); waves.next(policy.seen())) {
-      settings.first_task() = waves.wave().first;
-      settings.tasks() = waves.wave().first == 2 ? 1 : waves.wave().count;
-      environment.reset(settings);
+      wave.first_task() = waves.wave().first;
+      wave.tasks() = waves.wave().first == 2 ? 1 : waves.wave().count;
+      environment.reset(wave);
       policy.begin(waves.wave().first, waves.known());
       task = waves.wave().first;
       while (!environment.done()) {

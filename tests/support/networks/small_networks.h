@@ -63,6 +63,19 @@ inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bo
   return inputs;
 }
 
+/// Returns the derivative of what `function` returns by a number that it reads, as central differences see it.
+template <class Function>
+double central_difference(double& number, const Function& function) {
+  constexpr double kStep = 1e-5;
+  const double kept = number;
+  number = kept + kStep;
+  const double above = function();
+  number = kept - kStep;
+  const double below = function();
+  number = kept;
+  return (above - below) / (2 * kStep);
+}
+
 /// The recurrent state of so many agents, in the midst of things.
 inline Matrix<double> some_state(const AgentNetwork<double>& network, int agents) {
   Random random{6};

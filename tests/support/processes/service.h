@@ -122,7 +122,7 @@ inline std::unique_ptr<RunningProgram> start_process(const Arguments& command, c
 }
 
 /// The function by which tests start programs. Those in simulation start them there
-/// (tests/simulation/services/programs.h).
+/// (tests/simulation/services/programs.cc).
 inline std::unique_ptr<RunningProgram> (*start_program)(const Arguments& command,
                                                         const std::string& output) = start_process;
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cstring>
 #include <string>
 #include <vector>
 
@@ -15,6 +14,7 @@ namespace citylearn::testing {
 class Tape {
  public:
   explicit Tape(const std::string& path, const McapWriter::Options& options = {"test", {}}) : writer(path, options) {}
+  ~Tape() { writer.close(); }
 
   template <class Message>
   void say(const Message& message, std::uint64_t time) {

@@ -89,6 +89,11 @@ inline msg::RunInfo run_info(std::uint64_t updates = 0, std::uint64_t incarnatio
   return info;
 }
 
+inline msg::RunInfo ended(msg::RunInfo info) {
+  info.ended(true);
+  return info;
+}
+
 inline msg::TrainingStat training_stat(std::uint64_t update, std::uint64_t incarnation = 500, float reward = 0.5f,
                                        std::uint64_t job = kJob) {
   msg::TrainingStat s;

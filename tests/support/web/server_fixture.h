@@ -166,4 +166,13 @@ class ServerTest : public ::testing::Test {
   std::unique_ptr<Server> server_;
 };
 
+/// One that serves with these options.
+class RunningServerTest : public ServerTest {
+ protected:
+  void SetUp() override {
+    ServerTest::SetUp();
+    start();
+  }
+};
+
 }  // namespace citylearn::testing

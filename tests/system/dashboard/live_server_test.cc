@@ -8,8 +8,7 @@
 namespace citylearn::testing {
 namespace {
 
-TEST_F(ServerTest, LiveNewsReachWhoWatches) {
-  start();
+TEST_F(RunningServerTest, LiveNewsReachWhoWatches) {
   const auto one = watching({"scene:env@run", "events"});
   hub_.publish("scene:env@run", {{"agents", 3}}, bytes(72), Merge::kReplace);
   const auto scene = news_of(one->take());
@@ -30,8 +29,7 @@ TEST_F(ServerTest, LiveNewsReachWhoWatches) {
   EXPECT_TRUE(poll_until([&] { return hub_.watched().empty(); }, WebClient::kTimeout));
 }
 
-TEST_F(ServerTest, AClientThatStopsLosesFramesButNotTheNewest) {
-  start();
+TEST_F(RunningServerTest, AClientThatStopsLosesFramesButNotTheNewest) {
   ASSERT_LT(health(), 100ms);
   const auto stopped = watching({"picture", "events", "training"}, 4096);
   const auto other = watching({"picture"});
@@ -88,8 +86,7 @@ TEST_F(ServerTest, AClientThatTakesNothingIsLetGo) {
   EXPECT_TRUE(news_of(alive->take())) << "who answers pings stays";
 }
 
-TEST_F(ServerTest, MalformedFramesEndTheirOwnConnectionOnly) {
-  start();
+TEST_F(RunningServerTest, MalformedFramesEndTheirOwnConnectionOnly) {
   const auto good = watching({"services"});
   ASSERT_LT(health(), 100ms);
   const std::size_t before = resident();

@@ -6,8 +6,7 @@
 namespace citylearn::testing {
 namespace {
 
-TEST_F(ServerTest, PagesOfOtherSitesGetNothing) {
-  start();
+TEST_F(RunningServerTest, PagesOfOtherSitesGetNothing) {
   for (const std::string site : {"cross-site", "same-site"}) {
     for (const std::string target : {"/api/controls?frames=4096&max_steps=9", "/metrics"}) {
       const auto refused = get(target, {{"sec-fetch-site", site}});
@@ -22,8 +21,7 @@ TEST_F(ServerTest, PagesOfOtherSitesGetNothing) {
     EXPECT_EQ(get("/api/runs", {{"sec-fetch-site", site}}).status, 200);
 }
 
-TEST_F(ServerTest, ARequestForTwoHostsIsRefused) {
-  start();
+TEST_F(RunningServerTest, ARequestForTwoHostsIsRefused) {
   for (const std::string hosts :
        {"Host: localhost\r\nHost: evil.example\r\n", "Host: localhost\r\nhost: localhost\r\n"}) {
     const auto one = client();
@@ -80,8 +78,7 @@ TEST_F(ServerTest, ClientsThatTakeNothingLockNobodyOut) {
   for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
 }
 
-TEST_F(ServerTest, ALongAnswerIsMadeAsItIsTaken) {
-  start();
+TEST_F(RunningServerTest, ALongAnswerIsMadeAsItIsTaken) {
   const auto one = client();
   const auto whole = one->get("/api/pieces");
   EXPECT_EQ(whole.status, 200);
@@ -100,8 +97,7 @@ TEST_F(ServerTest, ALongAnswerIsMadeAsItIsTaken) {
   EXPECT_TRUE(old->ended()) << "which ends the body";
 }
 
-TEST_F(ServerTest, SlowReadersOfLongAnswersCostLittle) {
-  start();
+TEST_F(RunningServerTest, SlowReadersOfLongAnswersCostLittle) {
   ASSERT_LT(health(), 100ms);
   pieces_ = 0;
   const std::size_t before = resident();
@@ -119,8 +115,7 @@ TEST_F(ServerTest, SlowReadersOfLongAnswersCostLittle) {
   EXPECT_EQ(readers[7]->read().body.size(), 6 + 200 * kPiece) << "who goes on reading gets all";
 }
 
-TEST_F(ServerTest, ALongAnswerThatFailsHasNoEnd) {
-  start();
+TEST_F(RunningServerTest, ALongAnswerThatFailsHasNoEnd) {
   EXPECT_EQ(get("/api/fails").status, 0);
   EXPECT_LT(health(), 100ms);
 }

@@ -11,8 +11,7 @@
 namespace citylearn::testing {
 namespace {
 
-TEST_F(ServerTest, ServesThePageWithStrictHeaders) {
-  start();
+TEST_F(RunningServerTest, ServesThePageWithStrictHeaders) {
   const auto page = get("/");
   EXPECT_EQ(page.status, 200);
   EXPECT_EQ(page.body, "<!doctype html>");
@@ -41,8 +40,7 @@ TEST_F(ServerTest, ServesThePageWithStrictHeaders) {
   }
 }
 
-TEST_F(ServerTest, OneConnectionServesManyRequests) {
-  start();
+TEST_F(RunningServerTest, OneConnectionServesManyRequests) {
   const auto one = client();
   const auto page = one->get("/");
   const auto unchanged = one->get("/", {{"if-none-match", page.headers.at("etag")}});
@@ -69,8 +67,7 @@ TEST_F(ServerTest, SaysThatThePageIsNotBuilt) {
   EXPECT_EQ(get("/api/runs").status, 200);
 }
 
-TEST_F(ServerTest, TheApiGetsWhatWasAsked) {
-  start();
+TEST_F(RunningServerTest, TheApiGetsWhatWasAsked) {
   const auto one = client();
   const Json query = Json::parse(one->get("/api/runs/demo%2Fpolicy%2F1/training?columns=reward,spl&x=wall+time").body);
   EXPECT_EQ(query, Json({{"method", "GET"},
@@ -176,8 +173,7 @@ TEST_F(ServerTest, ALinkLogsInOnce) {
   EXPECT_EQ(get(path).status, 401);
 }
 
-TEST_F(ServerTest, StrangersAreRefused) {
-  start();
+TEST_F(RunningServerTest, StrangersAreRefused) {
   const std::string host = "localhost:" + std::to_string(server_->port());
   for (const std::string target : {"/", "/api/runs", "/healthz", "/metrics", "/login"}) {
     EXPECT_EQ(get(target, {{"host", "evil.example"}}).status, 403) << target;
@@ -193,8 +189,7 @@ TEST_F(ServerTest, StrangersAreRefused) {
   EXPECT_EQ(silent->read().status, 403) << "no Host at all";
 }
 
-TEST_F(ServerTest, AHeaderWithoutEndCostsNothing) {
-  start();
+TEST_F(RunningServerTest, AHeaderWithoutEndCostsNothing) {
   ASSERT_LT(health(), 100ms);
   const std::size_t before = resident();
   const auto one = client();
@@ -210,8 +205,7 @@ TEST_F(ServerTest, AHeaderWithoutEndCostsNothing) {
   EXPECT_LT(health(), 100ms);
 }
 
-TEST_F(ServerTest, WhatIsTooLargeIsNamed) {
-  start();
+TEST_F(RunningServerTest, WhatIsTooLargeIsNamed) {
   EXPECT_EQ(get("/", {{"x", std::string(40'000, 'x')}}).status, 431);
   EXPECT_EQ(get("/" + std::string(40'000, 'x')).status, 431);
   EXPECT_EQ(get("/", {{"x", std::string(30'000, 'x')}}).status, 200);
@@ -232,8 +226,7 @@ TEST_F(ServerTest, WhatIsTooLargeIsNamed) {
   }
 }
 
-TEST_F(ServerTest, BytesOfAnyKindDoNoHarm) {
-  start();
+TEST_F(RunningServerTest, BytesOfAnyKindDoNoHarm) {
   Random random(7);
   const std::size_t before = resident();
   for (int round = 0; round < 300; ++round) {
@@ -277,8 +270,7 @@ TEST_F(ServerTest, WhoDoesNotTakeTheAnswerIsCutOff) {
   EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 1; }, WebClient::kTimeout));
 }
 
-TEST_F(ServerTest, AThousandIdleConnectionsLockNobodyOut) {
-  start();
+TEST_F(RunningServerTest, AThousandIdleConnectionsLockNobodyOut) {
   ASSERT_LT(health(), 100ms);
   const std::size_t before = resident();
   std::vector<std::unique_ptr<WebClient>> idle;
@@ -308,8 +300,7 @@ TEST_F(ServerTest, WhereAllAreBusyOthersAreRefused) {
   EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kTimeout));
 }
 
-TEST_F(ServerTest, MetricsAreInPrometheusTextFormat) {
-  start();
+TEST_F(RunningServerTest, MetricsAreInPrometheusTextFormat) {
   get("/none");
   const auto metrics = get("/metrics");
   EXPECT_EQ(metrics.headers.at("content-type"), "text/plain; version=0.0.4; charset=utf-8");
@@ -351,8 +342,7 @@ TEST_F(ServerTest, SpeaksTls) {
   EXPECT_TRUE(silent.ended()) << "no TLS begun in time";
 }
 
-TEST_F(ServerTest, EndsAtOnceWhateverIsGoingOn) {
-  start();
+TEST_F(RunningServerTest, EndsAtOnceWhateverIsGoingOn) {
   const auto live = watching({"picture"}, 4096);
   for (int i = 0; i < 50; ++i) hub_.publish("picture", {}, bytes(100'000), Merge::kReplace);
   const auto half = client();

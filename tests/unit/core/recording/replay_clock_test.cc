@@ -26,7 +26,6 @@ class ReplayControl : public ::testing::Test {
   ReplayControl() {
     Tape tape(file_);
     for (std::uint64_t i = 0; i <= 4; ++i) tape.say(heartbeat("env_service", "env", 7), kTapeStart + i * kTapeSecond);
-    tape.writer.close();
   }
   std::uint64_t played() const {
     const auto& played = replayer_->figures().played;
@@ -120,7 +119,6 @@ TEST(RecordingOutline, CountsUpdatesAndEpisodesByPart) {
     for (std::uint64_t i = 0; i < 10; ++i) tape.say(episode(i + 1), kTapeStart + kTapeSecond);
     tape.say(training_stat(1), kTapeStart + 50 * kTapeSecond / 10);
     tape.say(training_stat(2), kTapeStart + 10 * kTapeSecond);
-    tape.writer.close();
   }
   const RecordingOutline outline = outline_of({folder / "a.mcap"}, {});
   EXPECT_EQ(outline.seconds, 10);
@@ -162,7 +160,6 @@ TEST(RecordingOutline, HasEachUpdateOnceAndThoseOfAResumedRunAgain) {
     tape.say(training_stat(2), kTapeStart + 3 * kTapeSecond);  // somebody had asked for it again
     tape.say(training_stat(2, 600), kTapeStart + 4 * kTapeSecond);
     tape.say(training_stat(3, 600), kTapeStart + 5 * kTapeSecond);
-    tape.writer.close();
   }
   const RecordingOutline outline = outline_of({folder / "a.mcap"}, {});
   ASSERT_EQ(outline.runs.size(), 1u);

@@ -77,76 +77,74 @@ void write_run(const std::string& path, std::uint64_t updates, std::uint64_t epi
     tape.say(episode(i, "env-b"), time);
   }
   tape.say(run_info(updates, 500, episodes + updates), time);
-  tape.writer.close();
 }
 
 std::int64_t count(const std::string& store, const std::string& what) {
   return open_database(store).execAndGet("SELECT COUNT(*) FROM " + what).getInt64();
 }
 
-TEST(Replay, ARecorderGetsEverythingAtAnySpeed) {
+struct ReplayTest : ::testing::Test {
   const Folder folder;
-  write_run(folder / "a.mcap", 700, 3000);
+  const std::string tape_path = folder / "a.mcap", store_path = folder / "a.sqlite";
+};
+
+TEST_F(ReplayTest, ARecorderGetsEverythingAtAnySpeed) {
+  write_run(tape_path, 700, 3000);
   const auto wire = middleware(30);
-  Watcher watcher(30, folder / "a.sqlite");
-  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  Watcher watcher(30, store_path);
+  Replayer replayer(*wire, {{tape_path}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer, &watcher));
   EXPECT_EQ(watcher.recorder.recorded(), 6000u);
-  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 6000);
-  EXPECT_EQ(count(folder / "a.sqlite", "training"), 700);
+  EXPECT_EQ(count(store_path, "episodes"), 6000);
+  EXPECT_EQ(count(store_path, "training"), 700);
   EXPECT_EQ(replayer.figures().played.at("citylearn/episode_stat"), 6000u);
   EXPECT_EQ(replayer.figures().remarks, std::vector<std::string>());
   EXPECT_EQ(replayer.figures().skipped.size(), 0u);
   EXPECT_NEAR(replayer.figures().seconds, 3.0, 1e-3);
 
   // Once more, it is known; as another run, it is not.
-  Replayer again(*wire, {{folder / "a.mcap"}, 0, {"episode_stat", "run_info", "service_status"}, "again"});
+  Replayer again(*wire, {{tape_path}, 0, {"episode_stat", "run_info", "service_status"}, "again"});
   ASSERT_TRUE(play(*wire, again, &watcher));
-  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 12000);
-  EXPECT_EQ(StoreReader(folder / "a.sqlite").runs().size(), 2u);
+  EXPECT_EQ(count(store_path, "episodes"), 12000);
+  EXPECT_EQ(StoreReader(store_path).runs().size(), 2u);
 }
 
-TEST(Replay, WhatIsLostIsPlayedAgain) {
-  const Folder folder;
-  write_run(folder / "a.mcap", 100, 300);
+TEST_F(ReplayTest, WhatIsLostIsPlayedAgain) {
+  write_run(tape_path, 100, 300);
   const auto wire = middleware(31, "lossy,drop=0.1,seed=3:inprocess");
-  Watcher watcher(31, folder / "a.sqlite");
-  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  Watcher watcher(31, store_path);
+  Replayer replayer(*wire, {{tape_path}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer, &watcher));
-  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 600);
-  EXPECT_EQ(count(folder / "a.sqlite", "training"), 100);
+  EXPECT_EQ(count(store_path, "episodes"), 600);
+  EXPECT_EQ(count(store_path, "training"), 100);
   EXPECT_GT(replayer.figures().repeated, 20u);
 }
 
-TEST(Replay, ARecordingMayBeginInTheMiddleOfATraining) {
-  const Folder folder;
+TEST_F(ReplayTest, ARecordingMayBeginInTheMiddleOfATraining) {
   {
-    Tape tape(folder / "a.mcap");
+    Tape tape(tape_path);
     tape.say(run_info(300), kStart);
     for (std::uint64_t update = 50; update <= 300; ++update) tape.say(training_stat(update), kStart);
-    tape.writer.close();
   }
   const auto wire = middleware(29, "lossy,drop=0.1,seed=3:inprocess");
-  Watcher watcher(29, folder / "a.sqlite");
-  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  Watcher watcher(29, store_path);
+  Replayer replayer(*wire, {{tape_path}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer, &watcher));
-  EXPECT_EQ(count(folder / "a.sqlite", "training"), 251);
+  EXPECT_EQ(count(store_path, "training"), 251);
   EXPECT_EQ(replayer.figures().remarks, std::vector<std::string>());
 }
 
-TEST(Replay, AnEpisodeThatWasNotRecordedHoldsNobodyUp) {
-  const Folder folder;
+TEST_F(ReplayTest, AnEpisodeThatWasNotRecordedHoldsNobodyUp) {
   {
-    Tape tape(folder / "a.mcap");
+    Tape tape(tape_path);
     for (std::uint64_t i = 1; i <= 400; ++i)
       if (i != 10) tape.say(episode(i), kStart);
-    tape.writer.close();
   }
   const auto wire = middleware(32);
-  Watcher watcher(32, folder / "a.sqlite");
-  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  Watcher watcher(32, store_path);
+  Replayer replayer(*wire, {{tape_path}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer, &watcher));
-  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 399);
+  EXPECT_EQ(count(store_path, "episodes"), 399);
   ASSERT_FALSE(replayer.figures().remarks.empty());
   EXPECT_EQ(replayer.figures().remarks[0],
             "'dashboard' has not recorded episode 11 of 'env-summer' and is not waited for any more");
@@ -167,18 +165,16 @@ void write_disorder(const std::string& path) {
     if (pair > 20 && pair % 10 == 1 && pair != 51) say(pair - 1);
   }
   say(50);
-  tape.writer.close();
 }
 
-TEST(Replay, RecordsThatAreMissingLateOrThereTwiceAreRecordedOnce) {
-  const Folder folder;
-  write_disorder(folder / "a.mcap");
+TEST_F(ReplayTest, RecordsThatAreMissingLateOrThereTwiceAreRecordedOnce) {
+  write_disorder(tape_path);
   std::uint32_t domain = 44;
   for (const std::string name : {"inprocess", "lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:inprocess"}) {
     const auto wire = middleware(++domain, name);
     const std::string file = folder / std::to_string(domain) + ".sqlite";
     Watcher watcher(domain, file);
-    Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+    Replayer replayer(*wire, {{tape_path}, 0, {}, ""});
     ASSERT_TRUE(play(*wire, replayer, &watcher));
     EXPECT_EQ(count(file, "episodes"), 299);
     EXPECT_EQ(count(file, "episodes WHERE episode = 50"), 1);
@@ -188,14 +184,13 @@ TEST(Replay, RecordsThatAreMissingLateOrThereTwiceAreRecordedOnce) {
   }
 }
 
-TEST(Replay, GoesOnWhereNobodyListensAndIntoTheNextFile) {
-  const Folder folder;
-  write_run(folder / "a.mcap", 5, 5);
+TEST_F(ReplayTest, GoesOnWhereNobodyListensAndIntoTheNextFile) {
+  write_run(tape_path, 5, 5);
   write_run(folder / "b.mcap", 5, 5);
   std::string file = contents(folder / "b.mcap");
   make_file(folder / "b.mcap", file.substr(0, file.size() - 100));
   const auto wire = middleware(33);
-  Replayer replayer(*wire, {{folder / "a.mcap", folder / "b.mcap"}, 0, {}, ""});
+  Replayer replayer(*wire, {{tape_path, folder / "b.mcap"}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer));
   EXPECT_EQ(replayer.figures().played.at("citylearn/episode_stat"), 20u);
   ASSERT_EQ(replayer.figures().remarks.size(), 1u);
@@ -203,17 +198,15 @@ TEST(Replay, GoesOnWhereNobodyListensAndIntoTheNextFile) {
   EXPECT_NEAR(replayer.figures().seconds, 0.010, 1e-3) << "the second follows at once";
 }
 
-TEST(Replay, TakesTheTimeThatItTook) {
-  const Folder folder;
+TEST_F(ReplayTest, TakesTheTimeThatItTook) {
   {
-    Tape tape(folder / "a.mcap");
+    Tape tape(tape_path);
     for (std::uint64_t i = 0; i <= 4; ++i) tape.say(heartbeat("env_service", "env", 7), kStart + i * kSecond / 8);
-    tape.writer.close();
   }
   const auto wire = middleware(34);
   const auto seconds = [&](double speed) {
     const Clock::time_point begin = Clock::now();
-    Replayer replayer(*wire, {{folder / "a.mcap"}, speed, {}, ""});
+    Replayer replayer(*wire, {{tape_path}, speed, {}, ""});
     while (replayer.figures().played.empty() || replayer.figures().played.begin()->second < 5) {
       replayer.poll();
       wire->wait(replayer.due());
@@ -224,43 +217,36 @@ TEST(Replay, TakesTheTimeThatItTook) {
   EXPECT_GE(seconds(1), 0.5);
 }
 
-TEST(Replay, ClocksThatAreSetHoldNobodyUp) {
-  const Folder folder;
+TEST_F(ReplayTest, ClocksThatAreSetHoldNobodyUp) {
   {
-    Tape tape(folder / "a.mcap");
+    Tape tape(tape_path);
     const std::uint64_t hour = 3600 * kSecond;
     for (const std::uint64_t time : {kStart, kStart + kSecond, kStart + 5 * hour, kStart + 5 * hour + kSecond,
                                      kStart - hour, kStart - hour + kSecond, std::uint64_t{1}, ~std::uint64_t{0}})
       tape.say(heartbeat("env_service", "env", 7), time);
-    tape.writer.close();
   }
   const auto wire = middleware(39);
   const Clock::time_point begin = Clock::now();
-  Replayer replayer(*wire, {{folder / "a.mcap"}, 50, {}, ""});
+  Replayer replayer(*wire, {{tape_path}, 50, {}, ""});
   ASSERT_TRUE(play(*wire, replayer));
   EXPECT_EQ(replayer.figures().played.at("citylearn/service_status"), 8u);
   EXPECT_NEAR(replayer.figures().seconds, 3 + 10 + 10, 1e-3) << "three seconds and two leaps of ten";
   EXPECT_GE(Clock::now() - begin, milliseconds(23'000 / 50));
   ASSERT_EQ(replayer.figures().remarks.size(), 1u);
   EXPECT_EQ(replayer.figures().remarks[0],
-            folder / "a.mcap" + ": its clock leaps 4 times; a leap ahead is played as 10 s, one back as none");
+            tape_path + ": its clock leaps 4 times; a leap ahead is played as 10 s, one back as none");
 }
 
-TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
-  const Folder folder;
+TEST_F(ReplayTest, SendsAMapAgainToWhomAsksForIt) {
   msg::RouteMapChunk map;
   sign(map.header(), "env-summer", 7);
   map.receiver("dashboard-of-then");
   map.hash(0xABC);
   map.total_bytes(3);
   map.data({1, 2, 3});
-  {
-    Tape tape(folder / "a.mcap");
-    tape.say(map, kStart);
-    tape.writer.close();
-  }
+  Tape(tape_path).say(map, kStart);
   const auto wire = middleware(37);
-  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  Replayer replayer(*wire, {{tape_path}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer));
   Node node(Watcher::options(37));
   node.create_reader_at<msg::RouteMapChunk>("dashboard", "demo");
@@ -279,10 +265,9 @@ TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
   EXPECT_EQ(taken.data(), map.data());
 }
 
-TEST(Replay, TellsWhatItLeavesOut) {
-  const Folder folder;
+TEST_F(ReplayTest, TellsWhatItLeavesOut) {
   {
-    Tape tape(folder / "a.mcap");
+    Tape tape(tape_path);
     const std::string name = topic_of<msg::Scene>().name;
     const Bytes scene = encoded(sample_of<msg::Scene>(Size::kTypical));
     Bytes old = scene;
@@ -293,10 +278,9 @@ TEST(Replay, TellsWhatItLeavesOut) {
     tape.writer.write(same, 1, Bytes(3));
     tape.writer.write(tape.writer.add({name, "citylearn::msg::Action", "omgidl", "", "cdr", {}}), 1, scene);
     tape.writer.write(tape.writer.add({"rosout", "rcl_interfaces/msg/Log", "ros2msg", "", "cdr", {}}), 1, scene);
-    tape.writer.close();
   }
   const auto wire = middleware(35);
-  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {"scene"}, ""});
+  Replayer replayer(*wire, {{tape_path}, 0, {"scene"}, ""});
   ASSERT_TRUE(play(*wire, replayer));
   EXPECT_EQ(replayer.figures().played, (std::map<std::string, std::uint64_t>{{"citylearn/scene", 1}}));
   EXPECT_EQ(replayer.figures().skipped,
@@ -307,14 +291,13 @@ TEST(Replay, TellsWhatItLeavesOut) {
                  1},
                 {"topic citylearn/scene: not readable", 1},
                 {"topic rosout is none of ours", 1}}));
-  EXPECT_THROW(Replayer(*wire, {{folder / "a.mcap"}, 0, {"scenery"}, ""}), Error);
+  EXPECT_THROW(Replayer(*wire, {{tape_path}, 0, {"scenery"}, ""}), Error);
   EXPECT_THROW(Replayer(*wire, {{folder / "none.mcap"}, 0, {}, ""}), Error);
 }
 
-TEST(Recording, CountsWhatItMissed) {
-  const Folder folder;
+TEST_F(ReplayTest, RecordingCountsWhatItMissed) {
   const auto wire = middleware(38), other = middleware(38);
-  Recording recording(*wire, {folder / "a.mcap", "", {"episode_stat", "run_info"}, 0, "test"});
+  Recording recording(*wire, {tape_path, "", {"episode_stat", "run_info"}, 0, "test"});
   const auto episodes = other->create_publisher(topic_of<msg::EpisodeStat>());
   const auto runs = other->create_publisher(topic_of<msg::RunInfo>());
   // Numbers of two senders, one of them heard from the fifth on; late ones are none that were missed.
@@ -327,10 +310,9 @@ TEST(Recording, CountsWhatItMissed) {
   EXPECT_EQ(recording.counts().at("citylearn/run_info").missed, 0u);
 }
 
-TEST(Recording, KeepsTheBytesOfItsRunInParts) {
-  const Folder folder;
+TEST_F(ReplayTest, RecordingKeepsTheBytesOfItsRunInParts) {
   const auto wire = middleware(36), other = middleware(36);
-  Recording recording(*wire, {folder / "a.mcap", "demo", {}, 20000, "test"});
+  Recording recording(*wire, {tape_path, "demo", {}, 20000, "test"});
   std::map<std::string, std::vector<Bytes>> said;
   for_each_message([&]<class Message>() {
     const auto publisher = other->create_publisher(topic_of<Message>());

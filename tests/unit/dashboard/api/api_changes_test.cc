@@ -2,8 +2,6 @@
 // What the dashboard's REST API lets people change: tags and notes of runs, and how a recording is played.
 #include <gtest/gtest.h>
 
-#include <optional>
-
 #include "tests/unit/dashboard/api/api_fixture.h"
 
 namespace citylearn::testing {

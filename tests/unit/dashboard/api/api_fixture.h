@@ -81,6 +81,12 @@ class ApiTest : public ::testing::Test {
   }
 };
 
+/// One whose store has a run.
+class ApiRunTest : public ApiTest {
+ protected:
+  ApiRunTest() { store_.record(run_info()); }
+};
+
 inline std::vector<std::string> sorted(std::vector<std::string> names) {
   std::sort(names.begin(), names.end());
   return names;

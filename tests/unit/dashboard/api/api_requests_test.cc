@@ -36,8 +36,7 @@ TEST_F(ApiTest, WhatIsAlive) {
     expect_error(400, "index", {"frames", "00000000000000ab", index});
 }
 
-TEST_F(ApiTest, AnswersFromTheStoreWhatNoEnvServiceHasAnyMore) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, AnswersFromTheStoreWhatNoEnvServiceHasAnyMore) {
   store_.record(std::vector{episode(1)});
   store_.describe(traversal_info());
   RouteStore routes(store_);
@@ -75,8 +74,7 @@ TEST_F(ApiTest, AnswersFromTheStoreWhatNoEnvServiceHasAnyMore) {
   EXPECT_EQ(ask({"frames", "00000000000000ab", "8"}, {{"nearest", "1"}}).status, 503);
 }
 
-TEST_F(ApiTest, CountsTrainingEpisodesUpToAMoment) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, CountsTrainingEpisodesUpToAMoment) {
   store_.record(episodes(1, 50));
   for (std::uint64_t number = 51; number <= 60; ++number) store_.record(std::vector{task(number, 1, true)});
   store_.record(episodes(61, 100));
@@ -127,12 +125,9 @@ TEST_F(ApiTest, About) {
   EXPECT_GT(about["store"]["bytes"].get<std::uint64_t>(), 10'000u);
 }
 
-TEST_F(ApiTest, DeletesARun) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, DeletesARun) {
   expect_error(409, "is running", {"runs", id_}, {}, "DELETE");
-  msg::RunInfo end = run_info(0, 500, 2);
-  end.ended(true);
-  store_.record(end);
+  store_.record(ended(run_info(0, 500, 2)));
   const Answer answer = ask({"runs", id_}, {}, "DELETE");
   EXPECT_EQ(answer.status, 204);
   EXPECT_EQ(answer.body, "");
@@ -140,8 +135,7 @@ TEST_F(ApiTest, DeletesARun) {
   expect_error(404, id_, {"runs", id_, "training"});
 }
 
-TEST_F(ApiTest, WrongRequestsAreToldWhatIsWrong) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, WrongRequestsAreToldWhatIsWrong) {
   store_.record(training_stats(1, 3));
   const std::vector<std::string> training = {"runs", id_, "training"}, episodes = {"runs", id_, "episodes"};
   expect_error(400, "'points'", training, {{"points", "9"}});
@@ -176,8 +170,7 @@ TEST_F(ApiTest, WrongRequestsAreToldWhatIsWrong) {
   EXPECT_EQ(ask({"runs", id_}, {}, "PUT").headers.at(0).second, "GET, DELETE, PATCH");
 }
 
-TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
   store_.record(training_stats(1, 50));
   store_.record(episodes(1, 50));
   std::vector<std::string> words = split(
@@ -213,8 +206,7 @@ TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
   EXPECT_EQ(json({"runs", id_, "episodes"})["total"], 50);
 }
 
-TEST_F(ApiTest, ManyAskAtOnceWhileItIsWritten) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, ManyAskAtOnceWhileItIsWritten) {
   std::atomic<bool> done = false;
   std::vector<std::thread> readers;
   std::atomic<int> wrong = 0, answers = 0;

@@ -28,9 +28,7 @@ TEST_F(ApiTest, Runs) {
   EXPECT_EQ(run["state"], "running");
   EXPECT_EQ(run["reward"], nullptr) << "unknown";
   store_.record(training_stats(1, 4));
-  msg::RunInfo end = run_info(6, 500, 2);
-  end.ended(true);
-  store_.record(end);
+  store_.record(ended(run_info(6, 500, 2)));
   const Json ended = json({"runs", id_});
   EXPECT_EQ(ended["state"], "ended");
   EXPECT_EQ(ended["updates"], 6);
@@ -41,15 +39,13 @@ TEST_F(ApiTest, Runs) {
   EXPECT_EQ(ended["manifest"]["frames"], 128);
 }
 
-TEST_F(ApiTest, ARunNobodyHearsOfIsLost) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, ARunNobodyHearsOfIsLost) {
   options_.silence = -1;
   Api impatient(options_, store_, nullptr);
   EXPECT_EQ(impatient.runs()["runs"][0]["state"], "lost");
 }
 
-TEST_F(ApiTest, ARunsTraversals) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, ARunsTraversals) {
   store_.describe(traversal_info());
   store_.describe(traversal_info("env-summer", 8));
   store_.describe(traversal_info("env-of-others", 8));
@@ -61,14 +57,11 @@ TEST_F(ApiTest, ARunsTraversals) {
   EXPECT_EQ(running[0], summer) << "as its episodes knew it";
   expect_row(running[0], "traversal");
   EXPECT_EQ(running[1]["environment"], "env-fall");
-  msg::RunInfo end = run_info(0, 500, 2);
-  end.ended(true);
-  store_.record(end);
+  store_.record(ended(run_info(0, 500, 2)));
   EXPECT_EQ(json({"runs", id_})["traversals"], Json::array({summer})) << "what its episodes were on";
 }
 
-TEST_F(ApiTest, TrainingWhole) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, TrainingWhole) {
   store_.record(training_stats(1, 20));
   const Json all = json({"runs", id_, "training"}, {{"columns", "reward,spl,policy_lag"}, {"x", "steps"}});
   EXPECT_EQ(sorted(keys(all)), sorted({"id", "x", "total", "columns", "decimated"}));
@@ -84,8 +77,7 @@ TEST_F(ApiTest, TrainingWhole) {
   EXPECT_EQ(part["columns"]["x"], Json::parse("[2.0,2.25,2.5,2.75,3.0]"));
 }
 
-TEST_F(ApiTest, TrainingDecimatedLosesNoPeak) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, TrainingDecimatedLosesNoPeak) {
   std::vector<msg::TrainingStat> stats = training_stats(1, 30'000);
   std::mt19937 random(1);
   for (msg::TrainingStat& stat : stats) stat.reward(static_cast<float>(random() % 1000) / 1000);
@@ -119,8 +111,7 @@ TEST_F(ApiTest, TrainingDecimatedLosesNoPeak) {
   EXPECT_LE(json({"runs", id_, "training"}, {{"columns", every}, {"points", "10"}})["columns"]["x"].size(), 10u);
 }
 
-TEST_F(ApiTest, TrainingExports) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, TrainingExports) {
   store_.record(training_stats(1, 3));
   const Answer csv = ask({"runs", id_, "training.csv"});
   EXPECT_EQ(csv.type, "text/csv; charset=utf-8");
@@ -138,8 +129,7 @@ TEST_F(ApiTest, TrainingExports) {
   EXPECT_EQ(all["columns"]["spl"], Json::parse("[null,0.8,0.8]"));
 }
 
-TEST_F(ApiTest, Episodes) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, Episodes) {
   std::vector<msg::EpisodeStat> all = episodes(1, 10);
   for (std::uint64_t i = 0; i < 6; ++i)
     all.push_back(task(11 + i, static_cast<std::uint32_t>(i), i % 2 == 0, 40 + static_cast<std::uint32_t>(i)));
@@ -184,8 +174,7 @@ TEST_F(ApiTest, Episodes) {
   expect_row(whole["episodes"][15], "episode");
 }
 
-TEST_F(ApiTest, ExportsAreReadInPieces) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, ExportsAreReadInPieces) {
   store_.record(training_stats(1, 1700));
   store_.record(episodes(1, 1700));
   std::size_t rows = 1700;
@@ -222,8 +211,7 @@ TEST_F(ApiTest, ExportsAreReadInPieces) {
   }
 }
 
-TEST_F(ApiTest, ColumnsStayAlignedWhenUpdatesGoMeanwhile) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, ColumnsStayAlignedWhenUpdatesGoMeanwhile) {
   store_.record(training_stats(1, 1700));
   Answer answer = ask({"runs", id_, "training.json"});
   ASSERT_NE(answer.more, nullptr);
@@ -274,8 +262,7 @@ TEST_F(ApiTest, AnEpisodeStepByStep) {
   expect_error(400, "rowid", {"episodes", "99999999999999999999"});
 }
 
-TEST_F(ApiTest, Evaluations) {
-  store_.record(run_info());
+TEST_F(ApiRunTest, Evaluations) {
   std::vector<msg::EpisodeStat> all;
   for (std::uint32_t i = 0; i < 400; ++i) all.push_back(task(1 + i, i, i % 4 != 0, 20 + i % 30));
   // Interrupted and done again: only the last one of each task counts.

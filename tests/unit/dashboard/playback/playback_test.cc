@@ -19,10 +19,11 @@ constexpr std::uint64_t kSecond = 1'000'000'000;
 TEST(Playback, IsOnItsWayUntilWhatWasPlayedIsShown) {
   const Folder folder;
   const std::string file = folder / "a.mcap";
-  Tape tape(file);
-  for (std::uint64_t i = 0; i <= 4; ++i)
-    tape.say(heartbeat("env_service", "env", 7), 1'700'000'000 * kSecond + i * kSecond);
-  tape.writer.close();
+  {
+    Tape tape(file);
+    for (std::uint64_t i = 0; i <= 4; ++i)
+      tape.say(heartbeat("env_service", "env", 7), 1'700'000'000 * kSecond + i * kSecond);
+  }
   const Timeline timeline({file});
   Playback playback(kPlaybackDomain, {{file}, 1, {}, "", 1.5, true}, 0, timeline);
   const auto arrives = [&] {
@@ -57,9 +58,7 @@ TEST(Playback, IsOnItsWayUntilWhatWasPlayedIsShown) {
 TEST(Playback, AtTheBeginningNothingIsOnItsWay) {
   const Folder folder;
   const std::string file = folder / "a.mcap";
-  Tape tape(file);
-  tape.say(heartbeat("env_service", "env", 7), kSecond);
-  tape.writer.close();
+  Tape(file).say(heartbeat("env_service", "env", 7), kSecond);
   const Timeline timeline({file});
   const Playback playback(kPlaybackDomain, {{file}, 1, {}, "", 0, true}, 0, timeline);
   EXPECT_FALSE(playback.state().seeking);

@@ -227,8 +227,7 @@ TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpac
   store_options_.most_bytes = 400'000;
   const auto dashboard = make_dashboard();
   // An old run, to be removed when space is needed.
-  msg::RunInfo old = run_info(0, 400, 1, 1, kJob - 1);
-  old.ended(true);
+  const msg::RunInfo old = ended(run_info(0, 400, 1, 1, kJob - 1));
   dashboard->store.record(old);
   std::vector<msg::EpisodeStat> past = episodes(1, 500, "env-past");
   for (msg::EpisodeStat& one : past) one.run_id(kJob - 1);

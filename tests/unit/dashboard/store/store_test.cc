@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <random>
 
 #include "core/task/training_figures.h"
@@ -144,9 +143,7 @@ TEST_F(StoreTest, KnowsRunsByTheirJobThroughRestartsAndEnds) {
   StoreReader reader(path_);
   ASSERT_EQ(reader.runs().size(), 2u);
   EXPECT_EQ(store.liveness(reader.runs()[1].id).updates, 8u);
-  msg::RunInfo end = run_info(20, 900, 2);
-  end.ended(true);
-  EXPECT_TRUE(store.record(end));
+  EXPECT_TRUE(store.record(ended(run_info(20, 900, 2))));
   EXPECT_TRUE(reader.run("demo/policy/1/1700000000000000")->ended);
   EXPECT_FALSE(reader.run("demo/policy/1/1700000000000005")->ended);
   store.mark_ended(Sender("demo", "policy", 901));
@@ -246,9 +243,7 @@ TEST_F(StoreTest, RemovesARunAndItsEpisodesButNotOneThatIsRunning) {
   const std::string name = run_id(run_info());
   EXPECT_EQ(store.remove("demo/policy/1/2"), Store::Removal::kUnknown);
   EXPECT_EQ(store.remove(name), Store::Removal::kRunning);
-  msg::RunInfo end = run_info(20, 500, 2);
-  end.ended(true);
-  store.record(end);
+  store.record(ended(run_info(20, 500, 2)));
   EXPECT_EQ(store.remove(name), Store::Removal::kDone);
   for (const std::string table : {"runs", "episodes", "training", "run_sources"})
     EXPECT_EQ(number("SELECT COUNT(*) FROM " + table), 0) << table;

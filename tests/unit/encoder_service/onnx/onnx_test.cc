@@ -41,8 +41,11 @@ Eigen::VectorXf bare(const std::string& path, const std::string& layer, const cv
   return Eigen::Map<const Eigen::VectorXf>(output.ptr<float>(), static_cast<Eigen::Index>(output.total()));
 }
 
-TEST(Onnx, ComputesWhatTheModelSays) {
+struct Onnx : ::testing::Test {
   const Folder folder;
+};
+
+TEST_F(Onnx, ComputesWhatTheModelSays) {
   constexpr int kMaps = 4, kWidth = 9, kHeight = 7;
   std::vector<float> kernel;
   const std::string path = tiny_convolution({1, 3, kHeight, kWidth}, kMaps, &kernel).save(folder / "a.onnx");
@@ -69,8 +72,7 @@ TEST(Onnx, ComputesWhatTheModelSays) {
   }
 }
 
-TEST(Onnx, GemmKeepsTheOrderOfItsOutput) {
-  const Folder folder;
+TEST_F(Onnx, GemmKeepsTheOrderOfItsOutput) {
   // Three rows that each pick one channel of the pooled picture.
   const std::string path = TinyOnnx()
                                .input({-1, 3, 4, 4})
@@ -86,8 +88,7 @@ TEST(Onnx, GemmKeepsTheOrderOfItsOutput) {
   EXPECT_TRUE(got.isApprox(Eigen::Vector3f(21, 50, 160))) << got;
 }
 
-TEST(Onnx, PreprocessingIsPerChannel) {
-  const Folder folder;
+TEST_F(Onnx, PreprocessingIsPerChannel) {
   const std::string path = TinyOnnx().input({1, 3, -1, -1}).node("GlobalAveragePool", "pool").save(folder / "a.onnx");
   const Values size = {{"width", 8}, {"height", 6}};
   const cv::Mat picture(50, 70, CV_8UC3, cv::Scalar(51, 102, 204));  // any size; 0.2, 0.4, 0.8
@@ -104,8 +105,7 @@ TEST(Onnx, PreprocessingIsPerChannel) {
   EXPECT_NEAR(encode({{"mean-green", 0.1}, {"deviation-green", 2}, {"scale", 10}})[1], (4 - 0.1) / 2, 1e-5);
 }
 
-TEST(Onnx, EachPictureAloneOrWithOthersIsTheSame) {
-  const Folder folder;
+TEST_F(Onnx, EachPictureAloneOrWithOthersIsTheSame) {
   const std::string path = tiny_convolution({-1, 3, 12, 16}, 8).save(folder / "a.onnx");
   std::vector<cv::Mat> pictures;
   for (int i = 0; i < 5; ++i) pictures.push_back(noise(16 + 7 * i, 12 + 5 * i, i));
@@ -121,8 +121,7 @@ TEST(Onnx, EachPictureAloneOrWithOthersIsTheSame) {
   EXPECT_EQ(encoder->encode({}).cols(), 0);
 }
 
-TEST(Onnx, FeatureMapsAreAveragedUnlessAskedOtherwise) {
-  const Folder folder;
+TEST_F(Onnx, FeatureMapsAreAveragedUnlessAskedOtherwise) {
   const std::string path = tiny_convolution({1, 3, 6, 8}, 5).save(folder / "a.onnx");
   const cv::Mat picture = noise(8, 6, 3);
   const auto encode = [&](const EncoderFiles& files, const Values& values) {
@@ -135,8 +134,7 @@ TEST(Onnx, FeatureMapsAreAveragedUnlessAskedOtherwise) {
   EXPECT_TRUE(whole.reshaped(48, 5).colwise().mean().transpose().isApprox(pooled, 1e-5f));
 }
 
-TEST(Onnx, AGridOfMeansOpensALargeMap) {
-  const Folder folder;
+TEST_F(Onnx, AGridOfMeansOpensALargeMap) {
   cv::Mat picture(3, 5, CV_8UC3, cv::Scalar(0, 100, 200));
   for (int y = 0; y < 3; ++y)
     for (int x = 0; x < 5; ++x) picture.at<cv::Vec3b>(y, x)[2] = static_cast<unsigned char>(10 * y + x);
@@ -164,8 +162,8 @@ TinyOnnx outside(const std::vector<std::pair<std::string, std::string>>& place) 
       .node("Conv", "conv", {"w"}, {{"kernel_shape", {1, 1}}});
 }
 
-TEST(Onnx, WeightsBesideTheModelAreReadFromItsFolderAlone) {
-  const Folder folder, other;
+TEST_F(Onnx, WeightsBesideTheModelAreReadFromItsFolderAlone) {
+  const Folder other;
   const cv::Mat picture(4, 4, CV_8UC3, cv::Scalar(10, 20, 30));
   const auto encode = [&](const std::string& path) {
     return make_onnx(network(path), kBytes)->encode(std::span(&picture, 1))(0, 0);
@@ -206,8 +204,7 @@ TEST(Onnx, WeightsBesideTheModelAreReadFromItsFolderAlone) {
   EXPECT_TRUE(holds(error_of([&] { read_onnx(read_model_file(folder / "a.onnx", 1 << 20), "x"); }), "in other files"));
 }
 
-TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
-  const Folder folder;
+TEST_F(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
   const std::string fixed = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "fixed.onnx");
   const std::string open = tiny_convolution({-1, 3, -1, -1}, 2).save(folder / "open.onnx");
   const auto size = [](const EncoderFiles& files, const Values& values = {}) {
@@ -222,8 +219,7 @@ TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
   EXPECT_TRUE(contains(refusal(network(fixed), {{"width", 10}}), "width of 8, not 10"));
 }
 
-TEST(Onnx, LayersAreFoundByNameOrSuggested) {
-  const Folder folder;
+TEST_F(Onnx, LayersAreFoundByNameOrSuggested) {
   const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
   EXPECT_TRUE(contains(make_onnx(network(path, "relu"))->spec().name, "layer=" + layer_of("relu") + " "));
   EXPECT_TRUE(contains(make_onnx(network(path, "", "resnet50"))->spec().name, "layer=" + layer_of("pool") + " "));
@@ -233,8 +229,7 @@ TEST(Onnx, LayersAreFoundByNameOrSuggested) {
     EXPECT_TRUE(contains(none, part));
 }
 
-TEST(Onnx, NamesSayWhatChangesNumbers) {
-  const Folder folder;
+TEST_F(Onnx, NamesSayWhatChangesNumbers) {
   const std::string open = tiny_convolution({-1, 3, -1, -1}, 2).save(folder / "a.onnx");
   const std::string other = tiny_convolution({-1, 3, -1, -1}, 3).save(folder / "b.onnx");
   std::set<std::string> names;
@@ -265,8 +260,7 @@ TEST(Onnx, NamesSayWhatChangesNumbers) {
   add(network(path, long_name + "2"), {{"width", 4}, {"height", 4}});
 }
 
-TEST(Onnx, BadFilesGetOneLine) {
-  const Folder folder;
+TEST_F(Onnx, BadFilesGetOneLine) {
   const std::string good = tiny_convolution({1, 3, 6, 8}, 2).bytes();
   const auto write = [&](const std::string& bytes) {
     make_file(folder / "bad.onnx", bytes);
@@ -285,8 +279,7 @@ TEST(Onnx, BadFilesGetOneLine) {
   }
 }
 
-TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
-  const Folder folder;
+TEST_F(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
   const auto error = [&](const TinyOnnx& model) { return refusal(network(model.save(folder / "a.onnx"))); };
   EXPECT_TRUE(contains(error(TinyOnnx().input({1, 1, 6, 8}).node("Relu", "relu")), "picture of 3 channels"));
   EXPECT_TRUE(contains(error(TinyOnnx().input({1, 192}).node("Relu", "relu")), "picture of 3 channels"));
@@ -317,15 +310,13 @@ TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
     EXPECT_TRUE(onnx_library() != "OpenCV 4.6.0" || holds(clip, part));
 }
 
-TEST(Onnx, NumbersAreFiniteOrAnError) {
-  const Folder folder;
+TEST_F(Onnx, NumbersAreFiniteOrAnError) {
   const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
   EXPECT_TRUE(contains(refusal(network(path), {{"deviation-red", 1e-40}}), "not finite"));
   EXPECT_TRUE(contains(refusal(network(path), {{"deviation-red", 1e-60}}), "not finite"));
 }
 
-TEST(Onnx, PicturesOfAnotherKindAreRefused) {
-  const Folder folder;
+TEST_F(Onnx, PicturesOfAnotherKindAreRefused) {
   const auto encoder = make_onnx(network(tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx")));
   for (const cv::Mat& picture : {cv::Mat(6, 8, CV_8UC1), cv::Mat(6, 8, CV_32FC3), cv::Mat()})
     EXPECT_THROW(encoder->encode(std::span(&picture, 1)), Error);

@@ -68,8 +68,11 @@ int status_of(pid_t process) {
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-TEST(FeatureStore, KeepsWhatWasWritten) {
+struct FeatureStoreTest : ::testing::Test {
   const Folder folder;
+};
+
+TEST_F(FeatureStoreTest, KeepsWhatWasWritten) {
   const std::string deeper = folder / "made/when/missing";
   {
     FeatureStore store(deeper, kKey);
@@ -89,16 +92,14 @@ TEST(FeatureStore, KeepsWhatWasWritten) {
   EXPECT_EQ(std::distance(fs::directory_iterator(deeper), {}), 1) << "something temporary stayed";
 }
 
-TEST(FeatureStore, AFrameIsWrittenOnce) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, AFrameIsWrittenOnce) {
   FeatureStore store(folder.path(), kKey);
   write(store, kKey, 3);
   store.write(3, std::vector<float>(32, 0.5f));
   EXPECT_TRUE(read(store, kKey, 3)) << "the first one stays";
 }
 
-TEST(FeatureStore, OtherKeysOtherFiles) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, OtherKeysOtherFiles) {
   const FeatureStore::Key night{kKey.encoder, 32, 1, 50}, other{"hog-1 bins=13", 32, kKey.traversal, 50};
   FeatureStore a(folder.path(), kKey), b(folder.path(), night), c(folder.path(), other);
   write(a, kKey, 1);
@@ -106,16 +107,14 @@ TEST(FeatureStore, OtherKeysOtherFiles) {
   EXPECT_EQ(count(c.present()), 0);
 }
 
-TEST(FeatureStore, TakesNoRoomBeforeItsFrames) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, TakesNoRoomBeforeItsFrames) {
   const FeatureStore store(folder.path(), {"netvlad", 32768, 1, 100000});  // 13 GB
   struct stat status {};
   ASSERT_EQ(::stat(store.path().c_str(), &status), 0);
   EXPECT_LT(status.st_blocks * 512, 1 << 20);
 }
 
-TEST(FeatureStore, RefusesKeysOutOfBounds) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, RefusesKeysOutOfBounds) {
   EXPECT_TRUE(contains(opening(folder, {"", 4, 1, 4}), "1 to 200 characters, not 0"));
   EXPECT_TRUE(contains(opening(folder, {std::string(201, 'x'), 4, 1, 4}), "1 to 200 characters, not 201"));
   EXPECT_TRUE(contains(opening(folder, {"x", 0, 1, 4}), "numbers, not 0"));
@@ -125,8 +124,7 @@ TEST(FeatureStore, RefusesKeysOutOfBounds) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 0);
 }
 
-TEST(FeatureStore, RefusesFramesAndSizesThatItHasNot) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, RefusesFramesAndSizesThatItHasNot) {
   FeatureStore store(folder.path(), kKey);
   std::vector<float> right(32), wrong(31);
   EXPECT_THROW(store.read(-1, right), Error);
@@ -140,8 +138,7 @@ TEST(FeatureStore, RefusesFramesAndSizesThatItHasNot) {
   EXPECT_THROW(store.claim(2, std::numeric_limits<int>::max()), Error);
 }
 
-TEST(FeatureStore, ClaimsExcludeEachOther) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, ClaimsExcludeEachOther) {
   FeatureStore one(folder.path(), kKey);
   auto other = std::make_unique<FeatureStore>(folder.path(), kKey);
   auto claim = one.claim(10, 10);
@@ -167,8 +164,7 @@ TEST(FeatureStore, ClaimsExcludeEachOther) {
   EXPECT_TRUE(read(one, kKey, 4));
 }
 
-TEST(FeatureStore, ClaimsEndWithTheirProcess) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, ClaimsEndWithTheirProcess) {
   FeatureStore store(folder.path(), kKey);
   int ready[2];
   ASSERT_EQ(::pipe(ready), 0);
@@ -191,7 +187,7 @@ TEST(FeatureStore, ClaimsEndWithTheirProcess) {
   ::close(ready[1]);
 }
 
-TEST(FeatureStore, ProcessesCreateAndWriteAtOnce) {
+TEST(FeatureStoreProcesses, CreateAndWriteAtOnce) {
   FeatureStore::Key key = kKey;
   key.frames = 400;
   key.dimension = 500;
@@ -218,8 +214,7 @@ TEST(FeatureStore, ProcessesCreateAndWriteAtOnce) {
   }
 }
 
-TEST(FeatureStore, ThreadsShareOne) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, ThreadsShareOne) {
   FeatureStore store(folder.path(), kKey);
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t)
@@ -230,8 +225,7 @@ TEST(FeatureStore, ThreadsShareOne) {
   for (int frame = 0; frame < kKey.frames; ++frame) EXPECT_TRUE(read(store, kKey, frame));
 }
 
-TEST(FeatureStore, SurvivesKill) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, SurvivesKill) {
   FeatureStore::Key key = kKey;
   key.frames = 60000;
   key.dimension = 700;  // not a divisor of a page: frames straddle them
@@ -372,8 +366,7 @@ TEST_F(DamagedStore, ForeignFilesAreNamedAndLeft) {
   EXPECT_TRUE(contains(opening(folder_), "is not a file"));
 }
 
-TEST(FeatureStore, UnwritableFolders) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, UnwritableFolders) {
   make_file(folder / "file", "text");
   EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file", kKey); }), "file"));
   EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file/below", kKey); }), "file/below"));
@@ -390,8 +383,7 @@ TEST(FeatureStore, UnwritableFolders) {
   EXPECT_EQ(status_of(nobody), 0);
 }
 
-TEST(FeatureStore, AFullDiskKeepsTheFramesBefore) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, AFullDiskKeepsTheFramesBefore) {
   FeatureStore store(folder.path(), kKey);
   // A limit on a file's size stands for the disk's: the write that meets it is cut short, the next fails.
   const pid_t writer = child([&] {
@@ -413,8 +405,7 @@ TEST(FeatureStore, AFullDiskKeepsTheFramesBefore) {
   EXPECT_TRUE(read(store, kKey, 10)) << "with room again";
 }
 
-TEST(FeatureStore, ARealFullDisk) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, ARealFullDisk) {
   FeatureStore::Key key = kKey;
   key.frames = 4000;  // 512 kB of descriptors on a disk of 256 kB, which only this child sees
   const pid_t writer = child([&] {
@@ -437,8 +428,7 @@ TEST(FeatureStore, ARealFullDisk) {
   EXPECT_EQ(status, 0);
 }
 
-TEST(FeatureStore, AFullDiskLeavesNoPartOfANewFile) {
-  const Folder folder;
+TEST_F(FeatureStoreTest, AFullDiskLeavesNoPartOfANewFile) {
   const pid_t writer = child([&] {
     ::signal(SIGXFSZ, SIG_IGN);
     const rlimit limit{1000, RLIM_INFINITY};

@@ -74,12 +74,16 @@ std::vector<int> shown(const Traversal& traversal) {
   return frames;
 }
 
-std::string refusal(Fake& fake, const std::string& name, const Selection& selection) {
-  return error_of([&] { select(fake, name, selection); });
-}
-
-TEST(Select, NothingLeavesEverything) {
+struct Select : ::testing::Test {
+  std::string refusal(const std::string& name, const Selection& selection) {
+    return error_of([&] { select(fake, name, selection); });
+  }
   Fake fake;
+};
+using SelectBadFrames = Select;
+using SelectAligned = Select;
+
+TEST_F(Select, NothingLeavesEverything) {
   const Traversal& whole = fake.add("a", 10, 2);
   const Traversal same = select(fake, "a", {});
   EXPECT_EQ(same.hash(), whole.hash());
@@ -87,8 +91,7 @@ TEST(Select, NothingLeavesEverything) {
   EXPECT_THROW(select(fake, "b", {}), Error);
 }
 
-TEST(Select, FramesAndSteps) {
-  Fake fake;
+TEST_F(Select, FramesAndSteps) {
   Traversal& a = fake.add("a", 10, 2);
   a.latitude = a.longitude = a.times;
   const Traversal part = select(fake, "a", {.first = 2, .end = 9, .step = 3});
@@ -100,15 +103,14 @@ TEST(Select, FramesAndSteps) {
   EXPECT_EQ(part.name, "a");
   EXPECT_EQ(shown(select(fake, "a", {.first = 8})), (std::vector<int>{8, 9}));
   EXPECT_EQ(shown(select(fake, "a", {.end = 2})), (std::vector<int>{0, 1}));
-  EXPECT_EQ(refusal(fake, "a", {.end = 11}), "--frames: beyond a, which has 10 frames");
-  EXPECT_EQ(refusal(fake, "a", {.first = 10}), "--frames: beyond a, which has 10 frames");
-  EXPECT_EQ(refusal(fake, "a", {.first = 3, .end = 3}), "--frames: no frame in it");
-  EXPECT_EQ(refusal(fake, "a", {.first = 9}),
+  EXPECT_EQ(refusal("a", {.end = 11}), "--frames: beyond a, which has 10 frames");
+  EXPECT_EQ(refusal("a", {.first = 10}), "--frames: beyond a, which has 10 frames");
+  EXPECT_EQ(refusal("a", {.first = 3, .end = 3}), "--frames: no frame in it");
+  EXPECT_EQ(refusal("a", {.first = 9}),
             "--frames, --metres or --step: of a only one frame is left, a route needs two (select more)");
 }
 
-TEST(Select, Metres) {
-  Fake fake;
+TEST_F(Select, Metres) {
   Traversal& a = fake.add("a", 10, 2);
   EXPECT_EQ(shown(select(fake, "a", {.from = 3, .to = 10})), (std::vector<int>{2, 3, 4}));
   EXPECT_EQ(shown(select(fake, "a", {.step_metres = 5})), (std::vector<int>{0, 3, 6, 9}));
@@ -117,21 +119,20 @@ TEST(Select, Metres) {
   a.positions[0] = a.positions[3] = a.positions[6] = kNan;
   EXPECT_EQ(shown(select(fake, "a", {.from = 3, .to = 10})), (std::vector<int>{2, 3, 4}));
   EXPECT_EQ(shown(select(fake, "a", {.step_metres = 5})), (std::vector<int>{1, 4, 7}));
-  EXPECT_EQ(refusal(fake, "a", {.step_metres = 0.04}), "--step-metres: must be 0.05 or more");
-  EXPECT_EQ(refusal(fake, "a", {.step = 2, .step_metres = 1}),
+  EXPECT_EQ(refusal("a", {.step_metres = 0.04}), "--step-metres: must be 0.05 or more");
+  EXPECT_EQ(refusal("a", {.step = 2, .step_metres = 1}),
             "--step-metres: cannot be together with --step (give one of them)");
-  EXPECT_EQ(refusal(fake, "a", {.from = 100}),
+  EXPECT_EQ(refusal("a", {.from = 100}),
             "--frames, --metres or --step: of a no frame is left, a route needs two (select more)");
   a.positions.assign(10, kNan);
   for (const Selection& selection : {Selection{.from = 1}, Selection{.step_metres = 1}})
-    EXPECT_TRUE(contains(refusal(fake, "a", selection), "positions of a are not known"));
+    EXPECT_TRUE(contains(refusal("a", selection), "positions of a are not known"));
 }
 
-TEST(SelectBadFrames, RefusedByName) {
-  Fake fake;
+TEST_F(SelectBadFrames, RefusedByName) {
   Traversal& a = fake.add("a", 10, 2);
   a.images = std::make_shared<FewImages>(10, std::vector<int>{3, 4});
-  EXPECT_EQ(refusal(fake, "a", {}),
+  EXPECT_EQ(refusal("a", {}),
             "f3: broken, and 1 more bad frames (replace the files, cut with --frames, or use their neighbours with "
             "--on-bad-frame skip)");
   // Bad frames that nobody asked for do no harm.
@@ -139,8 +140,7 @@ TEST(SelectBadFrames, RefusedByName) {
   EXPECT_EQ(rest.images->name(0), "f5");
 }
 
-TEST(SelectBadFrames, TheNearestGoodOneStandsIn) {
-  Fake fake;
+TEST_F(SelectBadFrames, TheNearestGoodOneStandsIn) {
   Traversal& a = fake.add("a", 10, 2);
   a.images = std::make_shared<FewImages>(10, std::vector<int>{0, 3, 4, 5, 9});
   const Traversal mended = select(fake, "a", {.skip_bad_frames = true});
@@ -153,43 +153,40 @@ TEST(SelectBadFrames, TheNearestGoodOneStandsIn) {
   EXPECT_EQ(select(fake, "a", {.first = 3, .end = 5, .skip_bad_frames = true}).images->name(0), "f2");
   a.images = std::make_shared<FewImages>(2, std::vector<int>{0, 1});
   a.frames = 2;
-  EXPECT_TRUE(contains(refusal(fake, "a", {.skip_bad_frames = true}), "no frame of the recording can be read"));
+  EXPECT_TRUE(contains(refusal("a", {.skip_bad_frames = true}), "no frame of the recording can be read"));
 }
 
-TEST(SelectAligned, ByIndex) {
-  Fake fake;
+TEST_F(SelectAligned, ByIndex) {
   fake.add("a", 10, 2);
   fake.add("b", 8, 3);
   const Traversal b = select(fake, "b", {.first = 1, .end = 8, .step = 2, .align = "a"});
   EXPECT_EQ(shown(b), (std::vector<int>{1, 3, 5, 7}));
   EXPECT_EQ(b.positions, (std::vector<float>{3, 9, 15, 21}));  // its own metres
   EXPECT_EQ(
-      refusal(fake, "b", {.align = "a"}),
+      refusal("b", {.align = "a"}),
       "--align-by index: frame 8 of a has no counterpart, b has 8 frames (cut with --frames, or align another way)");
-  EXPECT_NE(refusal(fake, "a", {.align = "a"}), "");
-  EXPECT_TRUE(contains(refusal(fake, "a", {.align = "c"}), "no traversal 'c'"));
-  EXPECT_TRUE(contains(refusal(fake, "a", {.align = "b", .by = "luck"}), "unknown way 'luck'"));
+  EXPECT_NE(refusal("a", {.align = "a"}), "");
+  EXPECT_TRUE(contains(refusal("a", {.align = "c"}), "no traversal 'c'"));
+  EXPECT_TRUE(contains(refusal("a", {.align = "b", .by = "luck"}), "unknown way 'luck'"));
 }
 
-TEST(SelectAligned, ByMatches) {
-  Fake fake;
+TEST_F(SelectAligned, ByMatches) {
   fake.add("a", 10, 2);
   fake.add("b", 30, 1);
-  EXPECT_TRUE(contains(refusal(fake, "b", {.align = "a", .by = "matches"}), "no match file"));
+  EXPECT_TRUE(contains(refusal("b", {.align = "a", .by = "matches"}), "no match file"));
   fake.natural = Correspondence::kMatches;
   fake.pairs = {{7, 20}, {2, 5}, {4, 9}, {4, 10}};
   const Traversal b = select(fake, "b", {.first = 2, .end = 8, .align = "a"});
   EXPECT_EQ(fake.asked, "a b");
   EXPECT_EQ(shown(b), (std::vector<int>{5, 7, 9, 13, 16, 20}));
-  EXPECT_EQ(refusal(fake, "b", {.align = "a"}),
+  EXPECT_EQ(refusal("b", {.align = "a"}),
             "--align-by matches: frame 0 of a has no match, they go from 2 to 7 (cut with --frames)");
-  EXPECT_NE(refusal(fake, "b", {.first = 2, .end = 9, .align = "a"}), "");
+  EXPECT_NE(refusal("b", {.first = 2, .end = 9, .align = "a"}), "");
   fake.pairs = {{0, 0}, {9, 30}};
-  EXPECT_TRUE(contains(refusal(fake, "b", {.align = "a"}), "the match of frames 9 and 30 is beyond"));
+  EXPECT_TRUE(contains(refusal("b", {.align = "a"}), "the match of frames 9 and 30 is beyond"));
 }
 
-TEST(SelectAligned, ByDistance) {
-  Fake fake;
+TEST_F(SelectAligned, ByDistance) {
   fake.add("a", 10, 2);
   Traversal& b = fake.add("b", 40, 0.7);
   fake.natural = Correspondence::kDistance;
@@ -197,9 +194,9 @@ TEST(SelectAligned, ByDistance) {
   EXPECT_EQ(shown(select(fake, "b", {.align = "a"})), expected);
   b.positions[3] = kNan;
   EXPECT_EQ(shown(select(fake, "b", {.align = "a"}))[1], 2);  // at 1.4 m; 2.8 m is farther
-  EXPECT_EQ(refusal(fake, "a", {.align = "b", .tolerance = 1.5}),
+  EXPECT_EQ(refusal("a", {.align = "b", .tolerance = 1.5}),
             "--align-by distance: the position of frame 3 of b is not known (cut with --frames)");
-  EXPECT_EQ(refusal(fake, "a", {.first = 4, .align = "b", .tolerance = 1.5}),
+  EXPECT_EQ(refusal("a", {.first = 4, .align = "b", .tolerance = 1.5}),
             "--align-by distance: frame 28 of b at 19.6 m is 1.6 m from the nearest frame of a (cut with --frames, or "
             "raise --align-within)");
 }
@@ -218,8 +215,7 @@ void draw_eight(Traversal& traversal, double east = 0) {
   }
 }
 
-TEST(SelectAligned, ByGpsFollowsARouteThatCrossesItself) {
-  Fake fake;
+TEST_F(SelectAligned, ByGpsFollowsARouteThatCrossesItself) {
   fake.natural = Correspondence::kGps;
   draw_eight(fake.add("a", 101, 1));
   draw_eight(fake.add("b", 401, 1),
@@ -228,11 +224,10 @@ TEST(SelectAligned, ByGpsFollowsARouteThatCrossesItself) {
   ASSERT_EQ(frames.size(), 101u);
   for (int i = 0; i < 101; ++i) EXPECT_NEAR(frames[static_cast<std::size_t>(i)], 4 * i, 2) << i;
   EXPECT_TRUE(std::is_sorted(frames.begin(), frames.end()));
-  EXPECT_TRUE(contains(refusal(fake, "b", {.align = "a", .tolerance = 0.1}), "no frame of b within 0.1 m"));
+  EXPECT_TRUE(contains(refusal("b", {.align = "a", .tolerance = 0.1}), "no frame of b within 0.1 m"));
 }
 
-TEST(SelectAligned, ByGpsGoesBackWhenItMust) {
-  Fake fake;
+TEST_F(SelectAligned, ByGpsGoesBackWhenItMust) {
   draw_eight(fake.add("a", 101, 1));
   Traversal& b = fake.add("b", 401, 1);
   draw_eight(b);
@@ -255,7 +250,7 @@ void draw_road(Traversal& traversal, const std::vector<int>& places) {
   traversal.longitude.assign(places.size(), 7);
 }
 
-TEST(SelectAligned, ByGpsFollowsADriveTheOtherWay) {
+TEST_F(SelectAligned, ByGpsFollowsADriveTheOtherWay) {
   std::vector<int> there(40), back(40), both;
   std::iota(there.begin(), there.end(), 0);
   std::iota(back.rbegin(), back.rend(), 0);
@@ -276,22 +271,21 @@ TEST(SelectAligned, ByGpsFollowsADriveTheOtherWay) {
                           Case{"back, there and back", back, both, {all.begin() + 39, all.end()}, ""},
                           Case{"both there and back", both, both, all, ""}}) {
     SCOPED_TRACE(one.what);
-    Fake fake;
-    draw_road(fake.add("a", static_cast<int>(one.sibling.size()), 5), one.sibling);
-    draw_road(fake.add("b", static_cast<int>(one.traversal.size()), 5), one.traversal);
+    Fake two;
+    draw_road(two.add("a", static_cast<int>(one.sibling.size()), 5), one.sibling);
+    draw_road(two.add("b", static_cast<int>(one.traversal.size()), 5), one.traversal);
     const Log log;
-    EXPECT_EQ(shown(select(fake, "b", {.align = "a", .by = "gps"})), one.frames);
+    EXPECT_EQ(shown(select(two, "b", {.align = "a", .by = "gps"})), one.frames);
     EXPECT_EQ(log.lines(), *one.told ? 1 : 0) << log.text();
     EXPECT_TRUE(log.has(one.told)) << log.text();
   }
 }
 
-TEST(SelectAligned, TellsThatPlacesAreApart) {
+TEST_F(SelectAligned, TellsThatPlacesAreApart) {
   std::vector<int> there(40), later(40), back(40);
   std::iota(there.begin(), there.end(), 0);
   std::iota(later.begin(), later.end(), 1);
   std::iota(back.rbegin(), back.rend(), 0);
-  Fake fake;
   draw_road(fake.add("a", 40, 5), there);
   draw_road(fake.add("back", 40, 5), back);
   draw_road(fake.add("later", 40, 5), later);
@@ -309,14 +303,13 @@ TEST(SelectAligned, TellsThatPlacesAreApart) {
   EXPECT_TRUE(log.has("columns exchanged")) << log.text();
 }
 
-TEST(SelectAligned, ByGpsNeedsPositions) {
-  Fake fake;
+TEST_F(SelectAligned, ByGpsNeedsPositions) {
   fake.add("a", 10, 2);
   draw_eight(fake.add("b", 10, 2));
-  EXPECT_TRUE(contains(refusal(fake, "b", {.align = "a", .by = "gps"}), "of a are not known"));
+  EXPECT_TRUE(contains(refusal("b", {.align = "a", .by = "gps"}), "of a are not known"));
   draw_eight(fake.traversals["a"]);
   fake.traversals["a"].latitude[4] = kNan;
-  EXPECT_EQ(refusal(fake, "b", {.align = "a", .by = "gps"}),
+  EXPECT_EQ(refusal("b", {.align = "a", .by = "gps"}),
             "--align-by gps: the position of frame 4 of a is not known (cut with --frames)");
 }
 

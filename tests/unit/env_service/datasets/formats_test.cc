@@ -26,6 +26,7 @@ std::string ins_row(long stamp, double latitude, double longitude, double northi
 /// Three frames 0.1 s apart.
 class Robotcar : public ::testing::Test {
  protected:
+  Robotcar() { write_frames("stereo/centre", "stereo.timestamps"); }
   void write_frames(const std::string& camera, const std::string& timestamps) const {
     std::string text;
     for (int i = 0; i < 3; ++i) {
@@ -45,7 +46,6 @@ class Robotcar : public ::testing::Test {
 };
 
 TEST_F(Robotcar, ReadsADriveWithInsPositions) {
-  write_frames("stereo/centre", "stereo.timestamps");
   make_file(folder_ / "tags/2014-05-14-13-46-12.yaml", "- sun\n- alternate-route\n- clouds");
   make_file(drive_ + "/gps/ins.csv", kInsHeader + ins_row(1400075171900000, 0, 0, 0, 0) +
                                          ins_row(1400075172000000, 51.75, -1.25, 5735000, 619000) +
@@ -70,7 +70,6 @@ TEST_F(Robotcar, ReadsADriveWithInsPositions) {
 }
 
 TEST_F(Robotcar, RowsOutOfOrderAreSortedWithAWarning) {
-  write_frames("stereo/centre", "stereo.timestamps");
   make_file(drive_ + "/gps/ins.csv", kInsHeader + ins_row(1400075172000000, 51.75, -1.25, 5735000, 619000) +
                                          ins_row(1400075172200000, 51.76, -1.26, 5735006, 619008) +
                                          ins_row(1400075172100000, 51.755, -1.255, 5735003, 619004));
@@ -82,7 +81,6 @@ TEST_F(Robotcar, RowsOutOfOrderAreSortedWithAWarning) {
 }
 
 TEST_F(Robotcar, TagsInAnyOrderAreOneCondition) {
-  write_frames("stereo/centre", "stereo.timestamps");
   for (const char* tags : {"- overcast\n- partial\n", "- partial\n- detour\n- overcast\n"}) {
     make_file(folder_ / "tags/2014-05-14-13-46-12.yaml", tags);
     EXPECT_EQ(make_dataset("oxford_robotcar", folder_.path())->condition(kDrive), "overcast+partial") << tags;
@@ -90,7 +88,6 @@ TEST_F(Robotcar, TagsInAnyOrderAreOneCondition) {
 }
 
 TEST_F(Robotcar, RtkBeforeInsAndOdometryLast) {
-  write_frames("stereo/centre", "stereo.timestamps");
   // Steps of 3 m and of 4 m sideways and 3 m up, each told with its end first, as the SDK reads them.
   make_file(drive_ + "/vo/vo.csv",
             "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw\n"
@@ -112,7 +109,6 @@ TEST_F(Robotcar, RtkBeforeInsAndOdometryLast) {
 
 // A mosaic of pure red holds light only where the pattern has red: which pixel that is tells the patterns apart.
 TEST_F(Robotcar, RawPicturesBecomeColours) {
-  write_frames("stereo/centre", "stereo.timestamps");
   write_frames("mono_left", "mono_left.timestamps");
   const auto mosaic = [](int row, int column) {
     cv::Mat raw = cv::Mat::zeros(16, 16, CV_8UC1);
@@ -136,7 +132,6 @@ TEST_F(Robotcar, RawPicturesBecomeColours) {
 }
 
 TEST_F(Robotcar, FingerprintsFollowPicturesAndDemosaicing) {
-  write_frames("stereo/centre", "stereo.timestamps");
   const std::uint64_t before = load().images->fingerprint(0);
   EXPECT_NE(before, load().images->fingerprint(1));
   EXPECT_EQ(before, load().images->fingerprint(0));
@@ -147,7 +142,6 @@ TEST_F(Robotcar, FingerprintsFollowPicturesAndDemosaicing) {
 }
 
 TEST_F(Robotcar, TellsWhatIsMissingOrBroken) {
-  write_frames("stereo/centre", "stereo.timestamps");
   fs::remove(drive_ + "/stereo/centre/1400075172100000.png");
   make_file(drive_ + "/stereo/centre/1400075172200000.png", "not a picture");
   const Traversal traversal = load();
@@ -171,7 +165,6 @@ TEST_F(Robotcar, TellsWhatIsMissingOrBroken) {
 }
 
 TEST_F(Robotcar, ThinnedPicturesAreNotMissing) {
-  write_frames("stereo/centre", "stereo.timestamps");
   std::string stamps;
   for (int i = 0; i < 30; ++i) stamps += std::to_string(1400075172000000L + 10000L * i) + " 1\n";
   make_file(drive_ + "/stereo.timestamps", stamps);
@@ -185,8 +178,7 @@ TEST_F(Robotcar, ThinnedPicturesAreNotMissing) {
 }
 
 TEST_F(Robotcar, OtherFoldersAreNotIt) {
-  EXPECT_TRUE(holds(error_of([&] { make_dataset("oxford_robotcar", folder_.path())->names(); }), "stereo/centre"));
-  write_frames("stereo/centre", "stereo.timestamps");
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("oxford_robotcar", Folder().path())->names(); }), "stereo/centre"));
   EXPECT_TRUE(holds(error_of([&] {
                       make_dataset("oxford_robotcar", folder_.path(), {{"camera", 5}})->names();
                     }),

@@ -50,8 +50,12 @@ TEST_F(PlainImages, AFolderATraversal) {
   EXPECT_NE(load("day").hash(), day.hash());
 }
 
-TEST_F(PlainImages, ATableWithNamedColumnsBesidePicturesIsNoTraversal) {
-  write_drive("day");
+/// One drive, "day".
+struct PlainDrive : PlainImages {
+  PlainDrive() { write_drive("day"); }
+};
+
+TEST_F(PlainDrive, ATableWithNamedColumnsBesidePicturesIsNoTraversal) {
   make_file(folder_ / "ground_truth.csv", "query,reference\n1,2\n");
   EXPECT_EQ(plain()->names(), std::vector<std::string>{"day"});
   std::filesystem::remove_all(folder_ / "day");
@@ -73,15 +77,13 @@ TEST_F(PlainImages, AVideoATraversal) {
       "FFmpeg does not know)");
 }
 
-TEST_F(PlainImages, OneNameTwice) {
-  write_drive("day");
+TEST_F(PlainDrive, OneNameTwice) {
   make_file(folder_ / "day.csv", "1\n2\n");
   EXPECT_EQ(error_of([&] { plain()->names(); }),
             folder_.path() + ": traversal 'day' is both day and day.csv (rename or remove one of them)");
 }
 
-TEST_F(PlainImages, PicturesWhereFoldersShouldBe) {
-  write_drive("day");
+TEST_F(PlainDrive, PicturesWhereFoldersShouldBe) {
   EXPECT_EQ(
       error_of([&] { make_dataset("plain", folder_ / "day")->names(); }),
       folder_ / "day: holds pictures itself (--data names the folder above, in which each folder is a traversal)");
@@ -102,8 +104,7 @@ TEST_F(PlainImages, PicturesInAFolderBelow) {
   EXPECT_TRUE(contains(complaint("night"), "night: has pictures of kinds that are not read: 0.heic (convert"));
 }
 
-TEST_F(PlainImages, PosesInAPlane) {
-  write_drive("day");
+TEST_F(PlainDrive, PosesInAPlane) {
   make_file(folder_ / "day.poses.csv", "frame,x,y\n2,0,0\n3,3,4\n7,3,10\n");
   Traversal day = load("day");
   EXPECT_TRUE(std::isnan(day.positions[0]));
@@ -118,8 +119,7 @@ TEST_F(PlainImages, PosesInAPlane) {
   EXPECT_TRUE(std::isnan(day.times[4]));
 }
 
-TEST_F(PlainImages, PosesOnTheEarthAndInMetres) {
-  write_drive("day");
+TEST_F(PlainDrive, PosesOnTheEarthAndInMetres) {
   std::string rows = "lat,lon\n";
   for (int i = 0; i < 12; ++i) rows += std::to_string(0.001 * i) + ",7\n";
   make_file(folder_ / "day/poses.csv", rows);
@@ -133,8 +133,7 @@ TEST_F(PlainImages, PosesOnTheEarthAndInMetres) {
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "feat"}));
 }
 
-TEST_F(PlainImages, PosesWithoutAFixAreEmptyOrNan) {
-  write_drive("day");
+TEST_F(PlainDrive, PosesWithoutAFixAreEmptyOrNan) {
   std::string rows = "lat,lon\n";
   for (int i = 0; i < 12; ++i) rows += i == 4 ? ",\n" : i == 5 ? "nan,nan\n" : std::to_string(50 + 0.001 * i) + ",7\n";
   make_file(folder_ / "day.poses.csv", rows);
@@ -143,8 +142,7 @@ TEST_F(PlainImages, PosesWithoutAFixAreEmptyOrNan) {
   EXPECT_NEAR(day.positions[11], 11 * 111.195, 0.1);
 }
 
-TEST_F(PlainImages, WrongPoses) {
-  write_drive("day");
+TEST_F(PlainDrive, WrongPoses) {
   const auto told = [&](const std::string& text) {
     make_file(folder_ / "day.poses.csv", text);
     return complaint("day");
@@ -164,8 +162,7 @@ TEST_F(PlainImages, WrongPoses) {
   EXPECT_TRUE(contains(complaint("day"), "remove one of them"));
 }
 
-TEST_F(PlainImages, Matches) {
-  write_drive("day");
+TEST_F(PlainDrive, Matches) {
   write_drive("night");
   EXPECT_NE(error_of([&] { plain()->matches("day", "night"); }), "");
   make_file(folder_ / "matches.csv", "day,night\n0,2\n5,7\n");

@@ -14,6 +14,7 @@
 #include "tests/support/data/pictures.h"
 #include "tests/support/env/env.h"
 #include "tests/support/log.h"
+#include "tests/support/options.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
@@ -28,13 +29,6 @@ using Twist = geometry_msgs::msg::dds_::Twist_;
 
 constexpr int kPlaces = 10;
 constexpr double kMetres = 2;  // between places
-
-MiddlewareOptions in_process() {
-  MiddlewareOptions options;
-  options.name = "inprocess";
-  options.domain = own_domain();
-  return options;
-}
 
 template <class Header>
 void stamp(Header& header, double seconds) {
@@ -95,6 +89,10 @@ class RobotTest : public ::testing::Test {
     pose.pose().position().y(5);
     world_.publish("/pose", pose);
   }
+  void send(double seconds, double x) {
+    send_picture(seconds, file_);
+    send_pose(seconds, x);
+  }
   void send_fix(const std::string& topic, double seconds, int status, double latitude, double longitude) {
     Fix fix;
     stamp(fix.header(), seconds);
@@ -128,7 +126,8 @@ class RobotTest : public ::testing::Test {
     return speeds;
   }
 
-  MiddlewareOptions ros_ = in_process(), own_ = in_process();
+  MiddlewareOptions ros_ = middleware_options("inprocess", own_domain()),
+                    own_ = middleware_options("inprocess", own_domain());
   Traversal taught_ = taught();
   LiveImages images_{std::make_shared<FakeImages>(kPlaces), "robot", 1};
   Ros2Participant world_{ros_, "world", nullptr};
@@ -138,9 +137,13 @@ class RobotTest : public ::testing::Test {
   const std::string file_ = grey_file();
 };
 
-TEST_F(RobotTest, LooksWhereItStands) {
+/// A robot that looks around.
+struct LookingRobot : RobotTest {
+  LookingRobot() { robot.look(); }
   Robot robot = make(options());
-  robot.look();
+};
+
+TEST_F(LookingRobot, LooksWhereItStands) {
   send_picture(10, file_);
   EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "it is not known where";
   send_pose(10, 6.4);
@@ -154,17 +157,13 @@ TEST_F(RobotTest, LooksWhereItStands) {
   EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "once";
 }
 
-TEST_F(RobotTest, DrivesStopsAndLooksAgain) {
-  Robot robot = make(options());
-  robot.look();
-  send_picture(10, file_);
-  send_pose(10, 6);
+TEST_F(LookingRobot, DrivesStopsAndLooksAgain) {
+  send(10, 6);
   ASSERT_TRUE(seen_by(robot));
   commands();
   auto steps = world_.subscribe<std_msgs::msg::dds_::UInt8_>("/citylearn/command");
   robot.drive(kPrevious, 3, 2);
-  send_picture(10.1, file_);  // on the way
-  send_pose(10.1, 5);
+  send(10.1, 5);  // on the way
   EXPECT_FALSE(seen_by(robot, milliseconds(100))) << "what was taken on the way does not count";
   const std::vector<double> speeds = commands();
   ASSERT_GE(speeds.size(), 2u);
@@ -174,20 +173,16 @@ TEST_F(RobotTest, DrivesStopsAndLooksAgain) {
   ASSERT_TRUE(steps.take(step));
   EXPECT_EQ(step.data(), kPrevious);
   EXPECT_FALSE(steps.take(step)) << "once: a robot that does its steps itself would do two";
-  send_picture(10.55, file_);
-  send_pose(10.55, 4);
+  send(10.55, 4);
   EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "less than 0.5 s after the last one that may show the way";
-  send_picture(10.7, file_);
-  send_pose(10.7, 4);
+  send(10.7, 4);
   const auto seen = seen_by(robot);
   ASSERT_TRUE(seen);
   EXPECT_EQ(seen->place, 2);
   EXPECT_EQ(seen->frame, kPlaces + 1);
 }
 
-TEST_F(RobotTest, PicturesThatComeTwiceLateOrBrokenAreCounted) {
-  Robot robot = make(options());
-  robot.look();
+TEST_F(LookingRobot, PicturesThatComeTwiceLateOrBrokenAreCounted) {
   send_pose(10, 6);
   send_picture(10, "no picture");
   EXPECT_FALSE(seen_by(robot, milliseconds(20)));
@@ -208,9 +203,7 @@ TEST_F(RobotTest, PicturesThatComeTwiceLateOrBrokenAreCounted) {
   EXPECT_TRUE(seen_by(robot)) << "a robot that has started again, without the time";
 }
 
-TEST_F(RobotTest, SaysWhatItWaitsFor) {
-  Robot robot = make(options());
-  robot.look();
+TEST_F(LookingRobot, SaysWhatItWaitsFor) {
   const auto later = [] { return Clock::now() + seconds(4); };
   EXPECT_EQ(robot.trouble(Clock::now()), "");
   EXPECT_EQ(robot.trouble(later()), "nobody publishes sensor_msgs/msg/CompressedImage on /camera/compressed");
@@ -276,10 +269,8 @@ TEST_F(RobotTest, OdometryIsCheckedLikewise) {
   EXPECT_EQ(came[1].doubt, "may be 10 m off or more, by its covariance");
 }
 
-TEST_F(RobotTest, PositionsOfAnotherFrameOrTimeAreNotUsed) {
+TEST_F(LookingRobot, PositionsOfAnotherFrameOrTimeAreNotUsed) {
   const Log log;
-  Robot robot = make(options());
-  robot.look();
   send_picture(10, file_);
   for (const auto& [seconds, frame, x] : std::vector<std::tuple<double, std::string, double>>{
            {10, "/map", 6}, {11, "odom", 2}, {10.5, "map", 2}, {11, "", 8}}) {
@@ -372,8 +363,7 @@ class SentToGoals : public RobotTest {
   /// The robot is seen at a place, again and again, until what has begun is done.
   void advance(int place) {
     const auto done = [&] {
-      send_picture(++now_, file_);
-      send_pose(now_, kMetres * place);
+      send(++now_, kMetres * place);
       return steps_->advance(Clock::now()) || !steps_->busy() || steps_->awaits_goal();
     };
     EXPECT_TRUE(poll_until(done, milliseconds(5000)));
@@ -440,11 +430,8 @@ TEST_F(SentToGoals, GoalsAreRefusedWhenNobodyDrivesOnAndWhenTheTasksAreDone) {
   EXPECT_EQ(said(), std::vector<std::string>{"refused"});
 }
 
-TEST_F(RobotTest, FarFromItsRouteItStandsAndSaysSo) {
-  Robot robot = make(options());
-  robot.look();
-  send_picture(10, file_);
-  send_pose(10, 1e5);
+TEST_F(LookingRobot, FarFromItsRouteItStandsAndSaysSo) {
+  send(10, 1e5);
   EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "no place is near";
   EXPECT_EQ(robot.trouble(Clock::now() + seconds(4)), "it stands 99982 m from the nearest place that it was taught");
   send_pose(10.5, 9e4);
@@ -463,8 +450,7 @@ TEST_F(RobotTest, HowFarItMayBeFromItsRouteCanBeSaid) {
   near.off_route = 5;
   Robot robot = make(near);
   robot.look();
-  send_picture(10, file_);
-  send_pose(10, 37);
+  send(10, 37);
   EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "19 m beyond the last place";
   EXPECT_EQ(robot.trouble(Clock::now() + seconds(4)), "it stands 19 m from the nearest place that it was taught");
 }
@@ -485,12 +471,7 @@ TEST_F(RobotTest, ClocksThatCannotBeAreToldOnce) {
 
 TEST_F(RobotTest, WrongOptionsAreOneClearError) {
   const auto expect = [&](const RobotOptions& wrong, const std::string& text) {
-    try {
-      make(wrong);
-      ADD_FAILURE() << text;
-    } catch (const Error& error) {
-      EXPECT_TRUE(contains(error.what(), text)) << error.what();
-    }
+    EXPECT_TRUE(contains(error_of([&] { make(wrong); }), text));
   };
   RobotOptions wrong = options();
   wrong.topics.camera = "";

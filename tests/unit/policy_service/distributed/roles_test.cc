@@ -8,6 +8,7 @@
 
 #include "policy_service/distributed/parameter_fetch.h"
 #include "policy_service/distributed/trajectories.h"
+#include "tests/support/env/env.h"
 #include "tests/support/networks/small_city.h"
 #include "tests/support/text.h"
 
@@ -26,12 +27,7 @@ class Segments {
     Random random{3};
     network_->initialise(random, parameters_);
     collector_.add(0, kSegmentAgents);
-    msg::TaskSettings settings;
-    settings.task_mode() = msg::TRAIN;
-    settings.frames() = 16;
-    settings.max_steps() = 6;
-    settings.seed() = collector_.environment_seed(0);
-    environment_.reset(settings);
+    environment_.reset(settings(msg::TRAIN, 16, 6, collector_.environment_seed(0)));
   }
   /// Collects the next one; rollout() holds it until the next call.
   void next() {
@@ -83,17 +79,21 @@ class Segments {
   int count_ = 0;
 };
 
-TEST(Trajectories, ARolloutGoesRoundThroughThem) {
-  Segments segments;
+struct Trajectories : ::testing::Test {
+  using Taken = TrajectoryQueue::Taken;
+  Trajectories() { segments.next(); }
+  Segments segments;  ///< the first one is collected
+};
+
+TEST_F(Trajectories, ARolloutGoesRoundThroughThem) {
   TrajectoryQueue queue(segments.shape(), 100);
-  segments.next();
   segments.next();  // with recurrent states and episodes that go on from before
   for (int agent = 0; agent < kSegmentAgents; ++agent) {
     Bytes bytes;
     encode(segments.trajectory(agent, static_cast<std::uint64_t>(agent) + 1), bytes);
     msg::Trajectory received;
     decode(std::span<const std::byte>(bytes), received);
-    EXPECT_EQ(queue.take(received, 0), TrajectoryQueue::Taken::kTaken);
+    EXPECT_EQ(queue.take(received, 0), Taken::kTaken);
   }
   ASSERT_TRUE(queue.ready(kSegmentAgents, 0, 0, 0));
   Rollout got;
@@ -124,20 +124,20 @@ TEST(Trajectories, ARolloutGoesRoundThroughThem) {
   }
 }
 
-TEST(Trajectories, EpisodesAreCountedAsACollectorCountsThem) {
-  Segments segments;
-  TrajectoryQueue queue(segments.shape(), 100);
+TEST_F(Trajectories, EpisodesAreCountedAsACollectorCountsThem) {
+  Segments begun;
+  TrajectoryQueue queue(begun.shape(), 100);
   std::vector<double> expected, found;
   const auto sum_of = [](const FinishedEpisode& episode) {
     return episode.reward + 100 * episode.spl + 10000 * episode.steps;
   };
   std::uint64_t number = 0;
   for (int segment = 0; segment < 6; ++segment) {
-    segments.next();
-    for (const FinishedEpisode& episode : segments.finished()) expected.push_back(sum_of(episode));
+    begun.next();
+    for (const FinishedEpisode& episode : begun.finished()) expected.push_back(sum_of(episode));
     for (int agent = 0; agent < kSegmentAgents; ++agent) {
-      msg::Trajectory trajectory = segments.trajectory(agent, ++number);
-      ASSERT_EQ(queue.take(trajectory, 0), TrajectoryQueue::Taken::kTaken);
+      msg::Trajectory trajectory = begun.trajectory(agent, ++number);
+      ASSERT_EQ(queue.take(trajectory, 0), Taken::kTaken);
     }
   }
   for (const FinishedEpisode& episode : queue.finished()) found.push_back(sum_of(episode));
@@ -148,15 +148,12 @@ TEST(Trajectories, EpisodesAreCountedAsACollectorCountsThem) {
   EXPECT_TRUE(queue.finished().empty());
 }
 
-TEST(Trajectories, EachOnceAndInOrderWhateverTheWireDoes) {
-  Segments segments;
-  segments.next();
+TEST_F(Trajectories, EachOnceAndInOrderWhateverTheWireDoes) {
   TrajectoryQueue queue(segments.shape(), 100);
   const auto send = [&](std::uint64_t number) {
     msg::Trajectory trajectory = segments.trajectory(0, number, number);
     return queue.take(trajectory, 100);
   };
-  using Taken = TrajectoryQueue::Taken;
   EXPECT_EQ(send(2), Taken::kTaken);
   EXPECT_EQ(queue.window("a").number, 0u) << "a gap is not acknowledged";
   EXPECT_EQ(send(4), Taken::kTaken);
@@ -176,11 +173,8 @@ TEST(Trajectories, EachOnceAndInOrderWhateverTheWireDoes) {
   EXPECT_EQ(send(5), Taken::kRepeated) << "of the dead one";
 }
 
-TEST(Trajectories, AGapThatIsNeverFilledIsGivenUp) {
-  Segments segments;
-  segments.next();
+TEST_F(Trajectories, AGapThatIsNeverFilledIsGivenUp) {
   TrajectoryQueue queue(segments.shape(), 100);
-  using Taken = TrajectoryQueue::Taken;
   const auto send = [&](std::uint64_t number, std::uint64_t first = 1) {
     msg::Trajectory trajectory = segments.trajectory(0, number);
     trajectory.log().first() = first;
@@ -198,16 +192,13 @@ TEST(Trajectories, AGapThatIsNeverFilledIsGivenUp) {
   EXPECT_EQ(send(8, 2), Taken::kTaken);
 }
 
-TEST(Trajectories, TheRoomIsBoundedAndShared) {
-  Segments segments;
-  segments.next();
+TEST_F(Trajectories, TheRoomIsBoundedAndShared) {
   TrajectoryQueue queue(segments.shape(), 8);
   queue.share_among(2);
   const auto send = [&](const char* actor, std::uint64_t number) {
     msg::Trajectory trajectory = segments.trajectory(1, number, 0, actor);
     return queue.take(trajectory, 0);
   };
-  using Taken = TrajectoryQueue::Taken;
   queue.register_actor("a", 1);
   EXPECT_EQ(queue.window("a").limit, 4u);
   for (std::uint64_t number = 1; number <= 4; ++number) EXPECT_EQ(send("a", number), Taken::kTaken);
@@ -221,9 +212,7 @@ TEST(Trajectories, TheRoomIsBoundedAndShared) {
   EXPECT_EQ(send("a", 5), Taken::kTaken);
 }
 
-TEST(Trajectories, WhatIsTooOldOrOfAnotherLessonIsDroppedAndCounted) {
-  Segments segments;
-  segments.next();
+TEST_F(Trajectories, WhatIsTooOldOrOfAnotherLessonIsDroppedAndCounted) {
   TrajectoryQueue queue(segments.shape(), 8);
   for (std::uint64_t number = 1; number <= 3; ++number) {
     msg::Trajectory trajectory = segments.trajectory(0, number, number);
@@ -237,9 +226,7 @@ TEST(Trajectories, WhatIsTooOldOrOfAnotherLessonIsDroppedAndCounted) {
   EXPECT_EQ(queue.dropped(), 3u);
 }
 
-TEST(Trajectories, WhatDoesNotFitIsNamed) {
-  Segments segments;
-  segments.next();
+TEST_F(Trajectories, WhatDoesNotFitIsNamed) {
   TrajectoryQueue queue(segments.shape(), 8);
   const auto error = [&](auto change) {
     msg::Trajectory trajectory = segments.trajectory(0, 1);

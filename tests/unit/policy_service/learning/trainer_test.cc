@@ -15,6 +15,7 @@
 #include "policy_service/learning/optimization/adam.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
+#include "tests/support/env/env.h"
 #include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"
 
@@ -310,14 +311,17 @@ TEST(Trainer, GoesThroughTheLessons) {
   EXPECT_TRUE(std::isfinite(loop.trainer.progress().reward));
 }
 
+/// Settings of so many tasks on the whole city.
+msg::TaskSettings all_places(const Traversal& city, std::uint32_t tasks) {
+  const auto frames = static_cast<std::uint32_t>(city.frames);
+  msg::TaskSettings all = settings(msg::EVALUATE, frames, frames, 0);
+  all.tasks() = tasks;
+  return all;
+}
+
 double spl(const TrainedAgent& agent, const Traversal& city, bool greedy) {
   Environment environment(city, 50);
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::EVALUATE;
-  settings.frames() = static_cast<std::uint32_t>(city.frames);
-  settings.max_steps() = static_cast<std::uint32_t>(city.frames);
-  settings.tasks() = 200;
-  environment.reset(settings);
+  environment.reset(all_places(city, 200));
   NetworkPolicy policy(agent, {.seed = 5, .greedy = greedy});
   msg::Observation observation;
   std::vector<std::uint8_t> choice;
@@ -340,11 +344,7 @@ TEST_P(EachNetwork, ActsAsIfIdleAgentsWereNotThere) {
   loop.update();
   const TrainedAgent agent = loop.trainer.agent();
   Environment environment(city, 6);
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::EVALUATE;
-  settings.frames() = settings.max_steps() = static_cast<std::uint32_t>(city.frames);
-  settings.tasks() = 600;
-  environment.reset(settings);
+  environment.reset(all_places(city, 600));
   const std::set<std::size_t> idle = {0, 3, 4};
   NetworkPolicy everybody(agent, {.seed = 5, .greedy = false}), few(agent, {.seed = 5, .greedy = false});
   msg::Observation observation;

@@ -7,7 +7,8 @@
 #include "core/util/random.h"
 #include "policy_service/learning/learners/relabel.h"
 #include "policy_service/learning/optimization/vtrace_loss.h"
-#include "tests/support/networks/small_city.h"
+#include "tests/support/env/env.h"
+#include "tests/support/networks/small_networks.h"
 
 namespace citylearn {
 namespace {
@@ -154,13 +155,10 @@ TEST(Vtrace, LossAgreesWithCentralDifferences) {
     ASSERT_EQ(values.size(), found.size());
     double largest = 0;
     for (std::ptrdiff_t i = 0; i < values.size(); ++i) {
-      const double kept = values.reshaped()(i), step = 1e-5;
-      values.reshaped()(i) = kept + step;
-      const double above = vtrace_loss(weights, limits, trajectories, inputs, 7, heads, 1.7, share, unused).loss;
-      values.reshaped()(i) = kept - step;
-      const double below = vtrace_loss(weights, limits, trajectories, inputs, 7, heads, 1.7, share, unused).loss;
-      values.reshaped()(i) = kept;
-      EXPECT_NEAR(found.reshaped()(i), share * (above - below) / (2 * step), 1e-8) << i;
+      const double numeric = central_difference(values.reshaped()(i), [&] {
+        return vtrace_loss(weights, limits, trajectories, inputs, 7, heads, 1.7, share, unused).loss;
+      });
+      EXPECT_NEAR(found.reshaped()(i), share * numeric, 1e-8) << i;
       largest = std::max(largest, std::abs(found.reshaped()(i)));
     }
     EXPECT_GT(largest, 0.01);
@@ -174,12 +172,7 @@ TEST(Vtrace, LossAgreesWithCentralDifferences) {
 TEST(EpisodeReward, IsTheEnvironmentsReward) {
   const Traversal city = small_city(9);
   Environment environment(city, 8);
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::TRAIN;
-  settings.frames() = 9;
-  settings.max_steps() = 12;
-  settings.seed() = 5;
-  environment.reset(settings);
+  environment.reset(testing::settings(msg::TRAIN, 9, 12, 5));
   msg::Observation observation;
   environment.observe(observation);
   std::vector<EpisodeReward> rules;

@@ -36,17 +36,11 @@ void expect_gradients(const std::string& name, std::vector<Matrix<double>> input
   tape.backward({{first, &weights}});
   std::vector<Matrix<double>> gradients;
   for (const Var& variable : variables) gradients.push_back(variable.gradient());
+  const auto sum = [&] { return result().value().cwiseProduct(weights).sum(); };
   for (std::size_t i = 0; i < inputs.size(); ++i)
-    for (std::ptrdiff_t k = 0; k < inputs[i].size(); ++k) {
-      double& number = inputs[i].data()[k];
-      const double kept = number, step = 1e-6;
-      number = kept + step;
-      const double above = result().value().cwiseProduct(weights).sum();
-      number = kept - step;
-      const double below = result().value().cwiseProduct(weights).sum();
-      number = kept;
-      EXPECT_NEAR(gradients[i].data()[k], (above - below) / (2 * step), 1e-7) << name << ", input " << i;
-    }
+    for (std::ptrdiff_t k = 0; k < inputs[i].size(); ++k)
+      EXPECT_NEAR(gradients[i].data()[k], central_difference(inputs[i].data()[k], sum), 1e-7)
+          << name << ", input " << i;
 }
 
 TEST(Tape, OperationsAgreeWithCentralDifferences) {

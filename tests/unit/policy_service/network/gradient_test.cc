@@ -80,13 +80,7 @@ TEST_P(Gradients, AgreeWithCentralDifferences) {
   for (const Tensor& tensor : network->tensors()) {
     double largest_error = 0, largest = 0;
     for (std::ptrdiff_t i = tensor.offset; i < tensor.offset + tensor.rows * tensor.cols; ++i) {
-      const double kept = parameters(i), step = 1e-5;
-      parameters(i) = kept + step;
-      const double above = loss();
-      parameters(i) = kept - step;
-      const double below = loss();
-      parameters(i) = kept;
-      const double numeric = (above - below) / (2 * step);
+      const double numeric = central_difference(parameters(i), loss);
       largest_error = std::max(largest_error, std::abs(numeric - gradient(i)));
       largest = std::max({largest, std::abs(numeric), std::abs(gradient(i))});
     }

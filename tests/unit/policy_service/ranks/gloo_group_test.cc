@@ -215,10 +215,7 @@ TEST_F(Ranks, DoNotWaitForeverForOthers) {
 TEST_F(Ranks, GoOnWhateverStrangersSay) {
   const auto zero = start(0, 2), one = start(1, 2);
   ASSERT_TRUE(zero->reaches(2)) << zero->error;
-  NodeOptions options;
-  options.service = "stranger";
-  options.session = "ranks";
-  options.id = "rank-1";
+  NodeOptions options{{}, "stranger", "rank-1", "ranks"};
   options.middleware.domain = domain_;
   Node stranger(options);
   stranger.create_reader<msg::RankStatus>();

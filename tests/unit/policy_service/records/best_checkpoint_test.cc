@@ -22,9 +22,12 @@ std::uint64_t kept(const BestCheckpoint& best) {
   return read_checkpoint(best.path()).header.at("progress").at("updates").get<std::uint64_t>();
 }
 
-TEST(BestCheckpoint, KeepsTheHighestSplAndOfEqualOnesTheLatest) {
+struct BestCheckpointTest : ::testing::Test {
   const Folder folder;
-  BestCheckpoint best(folder.path());
+  BestCheckpoint best{folder.path()};
+};
+
+TEST_F(BestCheckpointTest, KeepsTheHighestSplAndOfEqualOnesTheLatest) {
   best.consider(of(1, 1.0, 99));
   EXPECT_FALSE(best.figures()) << "too few episodes";
   EXPECT_FALSE(std::filesystem::exists(best.path()));
@@ -37,9 +40,7 @@ TEST(BestCheckpoint, KeepsTheHighestSplAndOfEqualOnesTheLatest) {
   EXPECT_EQ(best.figures()->spl(), 0.9);
 }
 
-TEST(BestCheckpoint, PrefersALaterLesson) {
-  const Folder folder;
-  BestCheckpoint best(folder.path());
+TEST_F(BestCheckpointTest, PrefersALaterLesson) {
   best.consider(of(1, 0.9, 200, 0));
   best.consider(of(2, 1.0, 99, 1));
   EXPECT_EQ(kept(best), 1u) << "still of the lesson before";
@@ -47,9 +48,7 @@ TEST(BestCheckpoint, PrefersALaterLesson) {
   EXPECT_EQ(kept(best), 3u);
 }
 
-TEST(BestCheckpoint, EvaluationsDecideWhereThereAreAny) {
-  const Folder folder;
-  BestCheckpoint best(folder.path());
+TEST_F(BestCheckpointTest, EvaluationsDecideWhereThereAreAny) {
   best.consider(of(1, 0.9, 200, 1));
   best.consider(BestCheckpoint::evaluated(of(2, 0.3, 50, 0), 0.4));
   EXPECT_EQ(kept(best), 2u) << "also early in the first lesson";
@@ -66,8 +65,7 @@ TEST(BestCheckpoint, EvaluationsDecideWhereThereAreAny) {
   EXPECT_EQ(next.figures()->description(), "update 5, SPL 0.600 in evaluation");
 }
 
-TEST(BestCheckpoint, IsKnownAgainByTheNextProcess) {
-  const Folder folder;
+TEST_F(BestCheckpointTest, IsKnownAgainByTheNextProcess) {
   BestCheckpoint(folder.path()).consider(of(7, 0.9));
   BestCheckpoint next(folder.path());
   ASSERT_TRUE(next.figures());
@@ -76,13 +74,12 @@ TEST(BestCheckpoint, IsKnownAgainByTheNextProcess) {
   EXPECT_EQ(kept(next), 7u);
 }
 
-TEST(BestCheckpoint, ReplacesAFileThatCannotBeRead) {
-  const Folder folder;
+TEST_F(BestCheckpointTest, ReplacesAFileThatCannotBeRead) {
   make_file(folder / "best.clk", "not a checkpoint");
-  BestCheckpoint best(folder.path());
-  EXPECT_FALSE(best.figures());
-  best.consider(of(1, 0.1));
-  EXPECT_EQ(kept(best), 1u);
+  BestCheckpoint next(folder.path());
+  EXPECT_FALSE(next.figures());
+  next.consider(of(1, 0.1));
+  EXPECT_EQ(kept(next), 1u);
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include "policy_service/rollout/evaluated_tasks.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/task_waves.h"
+#include "tests/support/env/env.h"
 #include "tests/support/networks/small_networks.h"
 
 namespace citylearn::testing {
@@ -69,10 +70,8 @@ struct Walk {
 std::map<int, Walk> evaluated(const std::function<std::unique_ptr<Policy>()>& make, const Traversal& city,
                               const std::vector<int>& agents, SeenFeatures& known) {
   std::map<int, Walk> walks;
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::EVALUATE;
-  settings.frames() = settings.max_steps() = static_cast<std::uint32_t>(city.frames);
-  settings.seed() = 9;
+  const auto frames = static_cast<std::uint32_t>(city.frames);
+  msg::TaskSettings part = settings(msg::EVALUATE, frames, frames, 9);
   std::vector<std::pair<Environment, std::unique_ptr<Policy>>> services;
   for (const int count : agents) services.emplace_back(Environment(city, count), make());
   Random random{agents.size()};
@@ -84,11 +83,11 @@ std::map<int, Walk> evaluated(const std::function<std::unique_ptr<Policy>()>& ma
     for (TaskRange rest = waves.wave(); rest.count > 0;) {
       const auto count = services.size() == 1 ? rest.count : static_cast<std::uint32_t>(1 + random.below(rest.count));
       rest.count -= count;  // from the end
-      settings.first_task() = rest.first + rest.count;
-      settings.tasks() = count;
+      part.first_task() = rest.first + rest.count;
+      part.tasks() = count;
       auto& [environment, policy] = services[random.below(services.size())];
-      environment.reset(settings);
-      policy->begin(settings.first_task(), waves.known());
+      environment.reset(part);
+      policy->begin(part.first_task(), waves.known());
       while (!environment.done()) {
         environment.observe(seen);
         policy->act(seen, choice);

@@ -65,9 +65,13 @@ TEST(Score, OfNothingAndOfFailuresIsFinite) {
   EXPECT_EQ(s.excess, 0);
 }
 
-TEST(EpisodeLog, RecordsOnceWhateverTheOrder) {
-  Folder folder;
-  EpisodeLog log(folder / "episodes.csv");
+struct EpisodeLogTest : ::testing::Test {
+  const Folder folder;
+  const std::string path = folder / "episodes.csv";
+};
+
+TEST_F(EpisodeLogTest, RecordsOnceWhateverTheOrder) {
+  EpisodeLog log(path);
   EXPECT_TRUE(log.record(episode(2)));
   EXPECT_EQ(log.recorded("env-summer", 7), 0u);
   EXPECT_TRUE(log.record(episode(1)));
@@ -81,9 +85,7 @@ TEST(EpisodeLog, RecordsOnceWhateverTheOrder) {
   EXPECT_EQ(log.total(), 3u);
 }
 
-TEST(EpisodeLog, WritesEpisodesInTheirOrder) {
-  Folder folder;
-  const std::string path = folder / "episodes.csv";
+TEST_F(EpisodeLogTest, WritesEpisodesInTheirOrder) {
   {
     EpisodeLog log(path);
     for (const std::uint64_t number : {1, 3, 4, 6}) EXPECT_TRUE(log.record(episode(number)));
@@ -102,7 +104,7 @@ TEST(EpisodeLog, WritesEpisodesInTheirOrder) {
   EXPECT_TRUE(EpisodeLog(path).record(episode(8))) << "it was never recorded";
 }
 
-TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
+TEST_F(EpisodeLogTest, TakesUpWhereTheEnvironmentWasAcknowledged) {
   EpisodeLog log("");
   msg::EpisodeStat late = episode(58);
   late.log().first() = 58;
@@ -110,7 +112,7 @@ TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
   EXPECT_EQ(log.recorded("env-summer", 7), 58u);
 }
 
-TEST(EpisodeLog, OneWrongNumberDoesNotSilenceIt) {
+TEST_F(EpisodeLogTest, OneWrongNumberDoesNotSilenceIt) {
   EpisodeLog log("");
   for (std::uint64_t number = 1; number <= 150; ++number) log.record(episode(number));
   msg::EpisodeStat forged = episode(1'000'000'000'001);
@@ -120,9 +122,7 @@ TEST(EpisodeLog, OneWrongNumberDoesNotSilenceIt) {
   EXPECT_EQ(log.recorded("env-summer", 7), 151u);
 }
 
-TEST(EpisodeLog, HasNoRowsOfWhatItPassesOver) {
-  Folder folder;
-  const std::string path = folder / "episodes.csv";
+TEST_F(EpisodeLogTest, HasNoRowsOfWhatItPassesOver) {
   EpisodeLog log(path);
   log.skip(episode(1));
   EXPECT_TRUE(log.record(episode(3)));
@@ -133,9 +133,7 @@ TEST(EpisodeLog, HasNoRowsOfWhatItPassesOver) {
   EXPECT_EQ(lines_of(read_file(path)).size(), 2u);
 }
 
-TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
-  Folder folder;
-  const std::string path = folder / "episodes.csv";
+TEST_F(EpisodeLogTest, SurvivesAKillInTheMiddleOfARow) {
   {
     EpisodeLog log(path);
     log.record(episode(1));
@@ -152,9 +150,7 @@ TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
   EXPECT_TRUE(log.record(episode(3)));
 }
 
-TEST(EpisodeLog, TakesNamesOfAnyCharactersBack) {
-  Folder folder;
-  const std::string path = folder / "episodes.csv";
+TEST_F(EpisodeLogTest, TakesNamesOfAnyCharactersBack) {
   for (const char* name : {"a,b", "two\nlines", "say \"hi\"", "a,1,2\nb"}) {
     msg::EpisodeStat one = episode(1);
     one.header().sender() = name;
@@ -165,9 +161,7 @@ TEST(EpisodeLog, TakesNamesOfAnyCharactersBack) {
   EXPECT_EQ(EpisodeLog(path).total(), 4u);
 }
 
-TEST(EpisodeLog, RefusesAForeignFile) {
-  Folder folder;
-  const std::string path = folder / "episodes.csv";
+TEST_F(EpisodeLogTest, RefusesAForeignFile) {
   std::ofstream(path) << "name,price\nbread,3\n";
   EXPECT_TRUE(contains(error_of([&] { EpisodeLog log(path); }), path));
   EXPECT_EQ(read_file(path), "name,price\nbread,3\n");

@@ -43,7 +43,6 @@ void write_recording(const std::string& path) {
     tape.say(trajectory(number), number);
     if (number % 3 == 0) tape.say(trajectory(number - 1), number);  // sent again
   }
-  tape.writer.close();
 }
 
 Node::Options options(std::uint32_t domain, const std::string& id, const std::string& middleware = "inprocess") {
@@ -137,10 +136,7 @@ TEST(TrajectoryReplay, EndsWithTheLearnersTraining) {
 TEST(TrajectoryReplay, RefusesWhatDoesNotFit) {
   const Folder folder;
   write_recording(folder / "a.mcap");
-  {
-    Tape tape(folder / "none.mcap");
-    tape.writer.close();
-  }
+  Tape(folder / "none.mcap");
   const auto refusal = [&](std::uint32_t domain, const std::string& file, std::uint32_t steps) {
     ScriptedLearner learner(options(domain, "learner"));
     learner.say(steps);

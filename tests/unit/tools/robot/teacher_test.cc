@@ -7,6 +7,7 @@
 #include <cmath>
 #include <functional>
 #include <numbers>
+#include <optional>
 
 #include "core/ros2/header.h"
 #include "tests/support/files.h"
@@ -97,14 +98,17 @@ class TeachingByFix : public Teaching {
   using Fix = sensor_msgs::msg::dds_::NavSatFix_;
   using Image = sensor_msgs::msg::dds_::Image_;
 
-  TeachingByFix() { teach_.topics = {"/camera/image", "/fix", PositionSource::kFix}; }
+  TeachingByFix() {
+    teach_.topics = {"/camera/image", "/fix", PositionSource::kFix};
+    teacher_.emplace(teach_, ears_);
+  }
   /// Calls `change` with the tenth of a second and both messages, which may then be sent or not.
   struct Sent {
     Image image;
     Fix fix;
     bool picture = true, position = true;
   };
-  void drive(Teacher& teacher, int tenths, const std::function<void(int, Sent&)>& change) {
+  void drive(int tenths, const std::function<void(int, Sent&)>& change) {
     for (int tenth = 0; tenth < tenths; ++tenth) {
       Sent sent;
       sent.fix.header(ros2_header("gps", 1'000'000'000'000 + tenth * 100'000'000ull));
@@ -119,7 +123,7 @@ class TeachingByFix : public Teaching {
       change(tenth, sent);
       if (sent.position) world_.publish("/fix", sent.fix);
       if (sent.picture) world_.publish("/camera/image", sent.image);
-      teacher.poll(now_ + tenth * std::chrono::milliseconds(100));
+      teacher_->poll(now_ + tenth * std::chrono::milliseconds(100));
     }
   }
   static void lose(Fix& fix) {
@@ -129,99 +133,91 @@ class TeachingByFix : public Teaching {
 
   static constexpr double kDegree = 6'371'008.8 * std::numbers::pi / 180;  // metres
   Ros2Participant world_{ros_, "world", nullptr}, ears_{ros_, "teach", nullptr};
+  std::optional<Teacher> teacher_;
 };
 using Lines = std::vector<std::string>;
 
 TEST_F(TeachingByFix, AHoleOfPositionsIsToldWithItsMetres) {
-  Teacher teacher(teach_, ears_);
   // Frames at 0 to 4 s, at 0 to 8.4 m; then no fix until 8 s, at 16.8 m.
-  drive(teacher, 110, [](int tenth, Sent& sent) {
+  drive(110, [](int tenth, Sent& sent) {
     if (tenth > 40 && tenth < 80) lose(sent.fix);
   });
-  EXPECT_EQ(teacher.frames(), 8) << "three more, at 8, 9 and 10 s";
-  EXPECT_EQ(teacher.shortcomings(),
+  EXPECT_EQ(teacher_->frames(), 8) << "three more, at 8, 9 and 10 s";
+  EXPECT_EQ(teacher_->shortcomings(),
             (Lines{"/fix has no fix (39 messages)", "4 s without a position: 8.4 m without frames before 000005.png"}));
 }
 
 TEST_F(TeachingByFix, TheLongestOfSeveralHolesAndWhoIsSilent) {
-  Teacher teacher(teach_, ears_);
-  drive(teacher, 200, [](int tenth, Sent& sent) {
+  drive(200, [](int tenth, Sent& sent) {
     sent.position = tenth <= 40 || tenth >= 70;
     sent.picture = tenth <= 100 || tenth >= 160;
   });
-  EXPECT_EQ(teacher.shortcomings(),
+  EXPECT_EQ(teacher_->shortcomings(),
             (Lines{"6 s without a picture: 12.6 m without frames before 000009.png, the longest of 2 holes"}));
 }
 
 TEST_F(TeachingByFix, ALeapOfThePositionIsAHole) {
-  Teacher teacher(teach_, ears_);
-  drive(teacher, 40, [](int tenth, Sent& sent) {
+  drive(40, [](int tenth, Sent& sent) {
     if (tenth >= 20) sent.fix.latitude(sent.fix.latitude() + 50 / kDegree);
   });
-  EXPECT_EQ(teacher.shortcomings(), Lines{"the position leapt: 52.1 m without frames before 000002.png"});
+  EXPECT_EQ(teacher_->shortcomings(), Lines{"the position leapt: 52.1 m without frames before 000002.png"});
 }
 
 TEST_F(TeachingByFix, PositionsThatBeginLateOrEndEarlyAreTold) {
-  Teacher teacher(teach_, ears_);
-  drive(teacher, 120, [](int tenth, Sent& sent) { sent.position = tenth >= 40 && tenth <= 80; });
-  EXPECT_EQ(teacher.frames(), 5) << "at 4 to 8 s";
-  EXPECT_EQ(teacher.shortcomings(), (Lines{"4 s without a position: no frames before 000000.png",
-                                           "4 s without a position: no frames after 000004.png"}));
+  drive(120, [](int tenth, Sent& sent) { sent.position = tenth >= 40 && tenth <= 80; });
+  EXPECT_EQ(teacher_->frames(), 5) << "at 4 to 8 s";
+  EXPECT_EQ(teacher_->shortcomings(), (Lines{"4 s without a position: no frames before 000000.png",
+                                             "4 s without a position: no frames after 000004.png"}));
 }
 
 TEST_F(TeachingByFix, APictureIsNotUsedWithAPositionOfAnotherTime) {
-  Teacher teacher(teach_, ears_);
   // The camera falls silent at 4.5 s, 1 m behind the last frame, and comes back at 7.5 s, at 15.75 m.
-  drive(teacher, 100, [](int tenth, Sent& sent) { sent.picture = tenth <= 45 || tenth >= 75; });
-  EXPECT_EQ(teacher.frames(), 5 + 3) << "none with the picture of 4.5 s";
+  drive(100, [](int tenth, Sent& sent) { sent.picture = tenth <= 45 || tenth >= 75; });
+  EXPECT_EQ(teacher_->frames(), 5 + 3) << "none with the picture of 4.5 s";
   EXPECT_TRUE(contains(contents(folder_ / "route/summer.poses.csv"), "000005.png,48.000141643,"));
 }
 
 TEST_F(TeachingByFix, SlowTopicsAreUsedTogether) {
-  Teacher teacher(teach_, ears_);
   // A picture each 2 s, and a position 1.5 s after it: that is each 4.2 m, once it is known how often they come.
-  drive(teacher, 100, [](int tenth, Sent& sent) {
+  drive(100, [](int tenth, Sent& sent) {
     sent.picture = tenth % 20 == 0;
     sent.position = tenth % 20 == 15;
   });
-  EXPECT_EQ(teacher.frames(), 4);
-  EXPECT_EQ(teacher.shortcomings(),
+  EXPECT_EQ(teacher_->frames(), 4);
+  EXPECT_EQ(teacher_->shortcomings(),
             Lines{"2 s without a picture: 4.2 m without frames before 000001.png, the longest of 3 holes"});
 }
 
 TEST_F(TeachingByFix, WithoutAnyFixThatIsTheReason) {
-  Teacher teacher(teach_, ears_);
-  drive(teacher, 110, [](int, Sent& sent) { lose(sent.fix); });
-  EXPECT_EQ(teacher.trouble(now_ + std::chrono::seconds(9)), "/fix has no fix (110 messages)");
-  EXPECT_EQ(teacher.why_no_route(), "/fix has no fix (110 messages)");
-  EXPECT_EQ(teacher.shortcomings(), Lines{"/fix has no fix (110 messages)"});
+  drive(110, [](int, Sent& sent) { lose(sent.fix); });
+  EXPECT_EQ(teacher_->trouble(now_ + std::chrono::seconds(9)), "/fix has no fix (110 messages)");
+  EXPECT_EQ(teacher_->why_no_route(), "/fix has no fix (110 messages)");
+  EXPECT_EQ(teacher_->shortcomings(), Lines{"/fix has no fix (110 messages)"});
 }
 
 TEST_F(TeachingByFix, WhenAllPicturesWereRefusedThatIsTheReason) {
-  Teacher teacher(teach_, ears_);
-  drive(teacher, 59, [](int, Sent& sent) { sent.image.encoding("32FC1"); });
-  EXPECT_TRUE(teacher.why_no_route().starts_with(
+  drive(59, [](int, Sent& sent) { sent.image.encoding("32FC1"); });
+  EXPECT_TRUE(teacher_->why_no_route().starts_with(
       "59 of 59 pictures were refused: /camera/image has encoding '32FC1'; known: 8UC1, "))
-      << teacher.why_no_route();
-  EXPECT_TRUE(teacher.why_no_route().ends_with(" (59 messages)")) << teacher.why_no_route();
+      << teacher_->why_no_route();
+  EXPECT_TRUE(teacher_->why_no_route().ends_with(" (59 messages)")) << teacher_->why_no_route();
 }
 
 TEST_F(TeachingByFix, ARobotThatStandsIsToldToDrive) {
-  Teacher teacher(teach_, ears_);
-  drive(teacher, 20, [](int, Sent& sent) { sent.fix.latitude(48); });
-  EXPECT_EQ(teacher.why_no_route(), "let the robot drive while this records");
-  EXPECT_EQ(teacher.shortcomings(), Lines());
+  drive(20, [](int, Sent& sent) { sent.fix.latitude(48); });
+  EXPECT_EQ(teacher_->why_no_route(), "let the robot drive while this records");
+  EXPECT_EQ(teacher_->shortcomings(), Lines());
 }
 
 TEST_F(TeachingByFix, WithoutPositionsSecondsCount) {
   teach_.topics.position = "";
-  Teacher teacher(teach_, ears_);
-  drive(teacher, 120, [](int tenth, Sent& sent) {
+  teacher_.emplace(teach_, ears_);
+  drive(120, [](int tenth, Sent& sent) {
     sent.picture = tenth <= 30 || tenth >= 60;
     if (tenth >= 80) sent.image.header(ros2_header("camera", tenth * 100'000'000ull));  // the clock is set back
   });
-  EXPECT_EQ(teacher.frames(), 4 + 2 + 4) << "of 0 to 3 s, 6 and 7 s, then 8 to 11 s by another clock";
-  EXPECT_EQ(teacher.shortcomings(),
+  EXPECT_EQ(teacher_->frames(), 4 + 2 + 4) << "of 0 to 3 s, 6 and 7 s, then 8 to 11 s by another clock";
+  EXPECT_EQ(teacher_->shortcomings(),
             (Lines{"/camera/image is older than the one before: a clock was set back, or two cameras send (1 message)",
                    "3 s without a picture: no frames before 000004.png"}));
 }
