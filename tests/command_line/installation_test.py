@@ -3,11 +3,12 @@
 
 import json
 import re
+import shutil
 import sqlite3
 import unittest
 from contextlib import closing
 
-from support import BUILD, SOURCE, CommandLine
+from support import BUILD, PREFIX, SOURCE, CommandLine
 
 
 class Installation(CommandLine):
@@ -105,6 +106,23 @@ class Installation(CommandLine):
         for done, seconds, low, high in ((0, 0, 2573, 2573), (3, 2, 2200, 2573), (3, 60, 2573, 3000), (166, 600, 600, 900)):
             left = int(self.run_command("bash", "-c", f"{function}; seconds_left {done} 332 7750 {seconds}"))
             self.assertTrue(low <= left <= high, (done, seconds, left))
+
+    def test_a_demo_with_the_programs_of_packages(self):
+        for name, programs in (("services", ["env_service", "encoder_service", "policy_service"]), ("dashboard", ["dashboard"])):
+            root = self.folder / name
+            for folder in ("DEBIAN", "usr/bin", "usr/share/citylearn/page"):
+                (root / folder).mkdir(parents=True)
+            for program in programs:
+                shutil.copy(PREFIX / "bin" / program, root / "usr/bin" / program)
+            (root / "DEBIAN/control").write_text(f"Package: citylearn-{name}\nVersion: 1\nArchitecture: amd64\nMaintainer: a <a@b.invalid>\n"
+                                                 "Depends: bash (>= 5), citylearn-services | none\nDescription: programs\n")
+            self.run_command("dpkg-deb", "-Znone", "-b", root, self.folder)
+        self.environment["CITYLEARN_BUILD"] = "mine"
+        short = ["--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4", "--no-wait"]
+        self.run_command(SOURCE / "run", "demo", "--from-packages", ".", *short, "--output", "first")
+        self.assertIn("mine/packaged/usr/bin/policy_service", (self.folder / "first/manifest.json").read_text())
+        self.assertIn("--train", self.run_command(SOURCE / "run", "policy", "--show-config", "first"))
+        self.assertIn("there is no 'first/citylearn-services_", self.run_command(SOURCE / "run", "demo", "--from-packages", "first", status=1))
 
     def test_a_program_that_is_not_installed_is_named(self):
         copy = self.folder / "bin"

@@ -106,13 +106,6 @@ TEST(Trainer, TheEpisodeLengthIsThatOfFinishedEpisodes) {
   EXPECT_TRUE(std::isnan(resumed.trainer.progress().episode_length));
 }
 
-TEST(Trainer, TheMeanOfPerfectEpisodesIsOneAndNoMore) {
-  const Traversal city = small_city();
-  Loop loop(city, small_options("baseline"));
-  loop.trainer.learn({}, std::vector<FinishedEpisode>(100, {.tick = 1, .reward = 1, .spl = 1, .steps = 4}));
-  EXPECT_EQ(loop.trainer.progress().spl, 1);
-}
-
 /// A trainer's parameters that belong to tensor `name`.
 Vector<float> part(const Trainer& trainer, const std::string& name) {
   const TrainedAgent agent = trainer.agent();
