@@ -232,8 +232,7 @@ void Trainer::Impl::count_episodes(std::span<const FinishedEpisode> finished) {
       progress.spl += spl;
     }
     progress.reward /= static_cast<double>(recent.size());
-    progress.spl /=
-        static_cast<double>(recent.size());  // of the sum: a hundredth, added a hundred times, is more than 1
+    progress.spl /= static_cast<double>(recent.size());
     if (recent.size() == kRecent && progress.spl >= kNavigatingSpl && !progress.episodes_to_spl95) {
       progress.episodes_to_spl95 = progress.episodes;
       progress.steps_to_spl95 = progress.steps;
