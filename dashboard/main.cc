@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <spdlog/spdlog.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -249,6 +250,14 @@ class CurrentWatch {
   std::optional<Watch> watch_;
 };
 
+/// Tells demos that start on this machine about a dashboard that hears them (tools/citylearn/demo.sh reads it).
+void publish_writer(Watch& watch, const Node::Options& node, const std::string& link) {
+  const MiddlewareOptions& dds = node.middleware;
+  const bool hears = !watch.playback && node.session.empty() && !dds.multicast && dds.security.empty() &&
+                     dds.interfaces == std::vector<std::string>{"lo"};
+  watch.store->publish_writer(hears ? fmt::format("{} {} {} {}\n", link, dds.domain, node.id, getpid()) : "");
+}
+
 int serve(CommandLine& line) {
   line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
   if (line.node.session == kAllRuns) line.node.session.clear();  // as the node spells it
@@ -275,6 +284,7 @@ int serve(CommandLine& line) {
        [&](bool alarms) { return current.with([&](Watch& now) { return now.node.metrics().problem(alarms); }); }});
   const RunsFeed runs(hub, [&] { return current.with([](Watch& now) { return now.api.runs(); }); });
   std::cout << "dashboard: " << server.link() << (link ? link->fragment : "") << std::endl;
+  publish_writer(*watch, line.node, server.link());
   watch->node.report(msg::RUNNING, "serving " + server.url());
   while (!stop_requested()) {
     watch->turn(hub);

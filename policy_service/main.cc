@@ -60,11 +60,13 @@ void add_run_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--list", line.list,
                "Print networks, learners, controls and middlewares with their parameters, and exit");
   app.add_flag("--show-config", line.show_config,
-               "Print the value of each option that takes effect and where it comes from, and exit");
+               "Print the value of each option that takes effect and where it comes from, and exit; with the folder "
+               "of a run: what it ran with");
   app.add_option("--mode", options.mode, "train (and evaluate at the end); evaluate; or table: compare RUNS that ended")
       ->capture_default_str()
       ->check(CLI::IsMember({"train", "evaluate", "table"}));
-  app.add_option("runs", line.runs, "With --mode table: folders with summary.json or sweep.json");
+  app.add_option("runs", line.runs,
+                 "With --mode table: folders with summary.json or sweep.json; with --show-config: one");
   app.add_option("--role", options.role,
                  "both: act and learn; learner: learn from what actors send; actor: act for the run's learner, which "
                  "sets all other training options")
@@ -164,7 +166,12 @@ int run(CommandLine& line, int argc, char** argv) {
     print_list();
     return 0;
   }
-  if (!line.runs.empty() && options.mode != "table") throw Error("is read with --mode table only", line.runs.front());
+  if (line.show_config && line.runs.size() == 1) {
+    std::cout << configuration_text(recorded_configuration(line.runs.front()));
+    return 0;
+  }
+  if (!line.runs.empty() && options.mode != "table")
+    throw Error("is read with --mode table, and alone with --show-config", line.runs.front());
   if (options.mode == "table") {
     std::cout << tables_of(line.runs);
     return 0;

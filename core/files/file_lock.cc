@@ -20,6 +20,12 @@ FileLock::FileLock(const std::string& path, const Error& held)
   throw Error(std::strerror(fault), path, "choose a folder on a disk that has locks");
 }
 
+void FileLock::write(const std::string& text) {
+  if (::ftruncate(file_, 0) == 0 && ::pwrite(file_, text.data(), text.size(), 0) == static_cast<ssize_t>(text.size()))
+    return;
+  throw Error(std::strerror(errno), "a lock file", "choose a folder on a disk that has space");
+}
+
 FileLock::~FileLock() { ::close(file_); }
 
 }  // namespace citylearn

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <filesystem>
+#include <fstream>
 
 #include "core/task/training_figures.h"
 #include "dashboard/store/route_store.h"
@@ -59,6 +60,14 @@ std::string without_links(std::filesystem::path path) {
   return path;
 }
 
+/// Returns why a second writer of a store is refused, and where the first one's page is, as publish_writer() says.
+Error refusal(const std::string& path) {
+  std::string page;
+  std::ifstream(without_links(path) + ".lock") >> page;
+  return Error("another dashboard records here", path,
+               (page.empty() ? "" : "open " + page + ", or ") + "end it, or choose another file");
+}
+
 }  // namespace
 
 std::string run_id(const msg::RunInfo& info) {
@@ -74,8 +83,7 @@ std::string run_id(const std::string& session) { return escaped(session); }
 Store::Impl::Impl(const Options& options)
     : path(options.path),
       // A file of its own, as closing any descriptor of the database would drop SQLite's locks.
-      lock(without_links(path) + ".lock",
-           Error("another dashboard records here", path, "end it, or choose another file")),
+      lock(without_links(path) + ".lock", refusal(path)),
       database((prepare_file(path), open_for_writing(options))) {
   with_file_errors(path, [&] {
     statements = std::make_unique<Statements>(database);
@@ -134,6 +142,7 @@ Store::Store(const Options& options) : impl_(std::make_unique<Impl>(options)) {}
 Store::~Store() = default;
 
 const std::string& Store::path() const { return impl_->path; }
+void Store::publish_writer(const std::string& text) { impl_->lock.write(text); }
 
 std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vector<Event>* lost) {
   return impl_->locked([&] { return impl_->record(episodes, lost); });

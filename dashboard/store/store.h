@@ -107,6 +107,8 @@ class Store {
   void with_database(const std::function<void(SQLite::Database&)>& work);
 
   const std::string& path() const;
+  /// Says in the file PATH.lock, for programs of this machine, where they find this writer. Throws Error.
+  void publish_writer(const std::string& text);
 
  private:
   struct Impl;

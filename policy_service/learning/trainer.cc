@@ -228,9 +228,11 @@ void Trainer::Impl::count_episodes(std::span<const FinishedEpisode> finished) {
     if (recent_steps.size() > kRecent) recent_steps.pop_front();
     progress.reward = progress.spl = 0;
     for (const auto& [reward, spl] : recent) {
-      progress.reward += reward / static_cast<double>(recent.size());
-      progress.spl += spl / static_cast<double>(recent.size());
+      progress.reward += reward;
+      progress.spl += spl;
     }
+    progress.reward /= static_cast<double>(recent.size());
+    progress.spl /= static_cast<double>(recent.size());
     if (recent.size() == kRecent && progress.spl >= kNavigatingSpl && !progress.episodes_to_spl95) {
       progress.episodes_to_spl95 = progress.episodes;
       progress.steps_to_spl95 = progress.steps;

@@ -4,9 +4,13 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <set>
 
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/text.h"
 #include "policy_service/learning/trainer_parameters.h"
 #include "policy_service/rollout/control.h"
@@ -18,7 +22,7 @@ constexpr std::size_t kMaxValueWidth = 32;  // longer ones, such as paths, push 
 
 constexpr std::size_t kListWidth = 100;  // columns
 
-const std::set<std::string> kPrinting = {"--list", "--show-config"};
+const std::set<std::string> kPrinting = {"--list", "--show-config", "runs"};
 
 /// The parameters of one plug-in.
 struct PluginParameters {
@@ -97,6 +101,22 @@ std::vector<OptionValue> effective_configuration(const PolicyServiceOptions& opt
   if (steps != configuration.end() && parameter != configuration.end()) {  // they mean the same, --steps wins
     (options.steps > 0 ? parameter : steps)->origin = (options.steps > 0 ? steps : parameter)->origin;
     steps->value = parameter->value;
+  }
+  return configuration;
+}
+
+std::vector<OptionValue> recorded_configuration(const std::string& folder) {
+  const std::string path = folder + "/manifest.json";
+  if (!std::filesystem::exists(path))
+    throw Error("has no manifest.json", folder, "name the folder of a training, as runs/20260101-120000");
+  const auto manifest = parse_json(read_file(path), path);
+  std::vector<OptionValue> configuration;
+  try {
+    for (const auto& [name, value] : manifest.at("options").items())
+      configuration.push_back(
+          {"--" + name, value.get<std::string>(), manifest.at("origins").value(name, kDefaultOrigin)});
+  } catch (const nlohmann::json::exception&) {
+    throw Error("does not say what options the run had", path, "runs of older releases have fewer figures there");
   }
   return configuration;
 }

@@ -125,14 +125,21 @@ Json manifest_json(const PolicyServiceOptions& options,
       {"parameters", agent},
       {"traversals", data},
   };
-  Json origins = Json::object();
-  for (const OptionValue& option : options.configuration)
-    if (option.origin != kDefaultOrigin)
-      origins[option.name.substr(option.name.find_first_not_of('-'))] = option.origin;
+  Json values = Json::object(), origins = Json::object();
+  for (const OptionValue& option : options.configuration) {
+    const std::string name = option.name.substr(option.name.find_first_not_of('-'));
+    values[name] = option.value;
+    if (option.origin != kDefaultOrigin) origins[name] = option.origin;
+  }
+  // What the traversals made of them.
+  values["frames"] = fmt::format("{}:{}", options.first_frame, options.first_frame + options.frames);
+  values["max-steps"] = std::to_string(options.max_steps);
   manifest["origins"] = origins;
   std::error_code none;
-  if (!options.command.empty())
+  if (!options.command.empty()) {
     manifest["command"] = {{"words", options.command}, {"folder", std::filesystem::current_path(none).string()}};
+    manifest["options"] = values;
+  }
   if (options.ranks_domain) {
     manifest["rank"] = options.rank;
     manifest["ranks"] = options.ranks;

@@ -36,7 +36,8 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
 
 /// Returns what manifest.json says: everything needed to repeat the run. `agent` holds the effective parameters of
 /// network, learner and trainer; `traversals` what the env_services announced, by name; `job` the run_id of RunInfo.
-/// "origins" says where each option comes from that does not have its default, "command" how the program was started.
+/// "origins" says where each option comes from that does not have its default, "command" how the program was started
+/// and "options" the value of each as text, both where it has a command line.
 nlohmann::ordered_json manifest_json(const PolicyServiceOptions& options,
                                      const std::map<std::string, std::map<std::string, double>>& agent,
                                      const std::map<std::string, msg::TraversalInfo>& traversals,

@@ -55,7 +55,7 @@ nlohmann::ordered_json RunRecords::manifest(const Parameters& parameters) const 
 void RunRecords::announce(const std::string& learner, std::uint64_t updates, const Parameters& parameters) {
   // Of what is of this host alone, only where the run's files are is announced.
   nlohmann::ordered_json announced = manifest(parameters);
-  for (const char* name : {"command", "demo"}) announced.erase(name);
+  for (const char* name : {"command", "options"}) announced.erase(name);
   // The folders of a simulated machine have other names in each run, which must be the same to the last byte.
   if (!options_.output.empty() && !Machine::simulated()) {
     std::vector<std::string> names = output_names(options_);

@@ -122,9 +122,11 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
                                fmt::format("same --session '{}', --domain {} and --interface there?",
                                            options.node.session, options.node.middleware.domain));
     if (Clock::now() > next_log) {
-      if (!encoding) spdlog::info("waiting for env_services on {} ({})", missing, found);
+      if (!encoding)
+        spdlog::info("starting: waiting for env_services on {} to load what they show ({})", missing, found);
       for (const auto& encoder : encoders)
-        if (encoding && encoder.working) spdlog::info("waiting for {}: {}", encoder.id, encoder.activity);
+        if (encoding && encoder.working)
+          spdlog::info("starting: waiting for features of {}; {}: {}", missing, encoder.id, encoder.activity);
       next_log += std::chrono::seconds(10);
     }
     node.report(msg::WAITING, "waiting for env_services");

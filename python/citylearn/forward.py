@@ -18,7 +18,7 @@ class Run:
         manifest = self._json("manifest.json")
         self.id = f"{manifest.get('run')}-{manifest.get('id')}-{manifest.get('seed')}-{manifest.get('job')}"
         self.started = manifest.get("job", 0) / 1e6  # seconds since 1970
-        self.options = leaves({name: value for name, value in manifest.items() if name not in ("command", "origins", "artefacts")})
+        self.options = leaves({name: value for name, value in manifest.items() if name not in ("command", "options", "origins", "artefacts")})
         self.results = {name: value for name, value in leaves(self._json("summary.json")).items() if is_number(value)}
 
     def _json(self, name):

@@ -56,10 +56,11 @@ class FirstTasks(CommandLine):
         self.assertIn("280 frames, 0 bad", check)
         self.assertIn("place_filter finds its way in winter (", demo)
         self.assertGreater(self.spl(self.newest_run(), "winter"), 0.9)
-        why, places, config = self.run_task(10, {"DIR": data})
+        why, places, config = self.run_task(10, {"DIR": data, "runs/TIME": self.newest_run()})
         self.assertIn("place_filter finds its way in winter (", why)
-        self.assertRegex(places, r"hog_vlad.*winter|winter.*hog_vlad")
+        self.assertRegex(places, r"winter by hog_vlad \(\d+ numbers, centring running\), nearest frame: first answer right \d+ %")
         self.assertRegex(config, r"learning-rate\b.*place_filter")
+        self.assertRegex(config, r"--frames +0:128 ")
         videos = self.folder / "VIDEOS"
         videos.mkdir()
         Scenery(210).write_video(self.folder / "drive.mp4")

@@ -3,9 +3,12 @@
 
 import json
 import re
+import shutil
+import sqlite3
 import unittest
+from contextlib import closing
 
-from support import BUILD, SOURCE, CommandLine
+from support import BUILD, PREFIX, SOURCE, CommandLine
 
 
 class Installation(CommandLine):
@@ -37,10 +40,10 @@ class Installation(CommandLine):
 
     def test_run_has_the_same_commands(self):
         self.environment["CITYLEARN_BUILD"] = str(BUILD)
-        shown = self.run_command("citylearn", "--help").replace("citylearn ", "./run ")
+        shown = self.run_command("citylearn", "--help").replace("citylearn ", f"{SOURCE}/run ")
         self.assertTrue(self.run_command(SOURCE / "run", "--help").startswith(shown))
         for command in ("data", "demo"):
-            self.assertEqual(self.run_command(SOURCE / "run", command, "--help").replace("./run", "citylearn"),
+            self.assertEqual(self.run_command(SOURCE / "run", command, "--help").replace(f"{SOURCE}/run", "citylearn"),
                              self.run_command("citylearn", command, "--help"))
 
     def test_the_doctor_looks_at_this_machine(self):
@@ -62,13 +65,31 @@ class Installation(CommandLine):
         self.assertEqual(len(list(self.folder.glob("runs/*/summary.json"))), 1)
         self.assertIn("'nowhere': is no folder of a demo's run", self.run_command("citylearn", "again", "nowhere", status=1))
 
+    def test_an_open_dashboard_shows_and_records_later_demos(self):
+        dashboard, said = self.start("citylearn", "dashboard", "--port", "0")
+        self.wait_for("dashboard: http", said)
+        self.assertIn("open http://", self.run_command("citylearn", "dashboard", "--port", "0", status=1))
+        short = ["--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4", "--no-wait"]
+        demo = self.run_command("citylearn", "demo", *short, "--output", "later")
+        self.assertIn(re.search(r"^dashboard: \S+$", said.read_text(), re.M)[0], demo)
+        self.assertFalse((self.folder / "later/dashboard.sqlite").exists())
+        self.assertIn("citylearn again later --agent features", demo)
+        self.assertEqual(self.end(dashboard), 0, said.read_text())
+        with closing(sqlite3.connect(self.folder / "runs/dashboard.sqlite")) as store:
+            runs = store.execute("SELECT session, ended, recorded FROM runs").fetchall()
+        self.assertEqual([(session, ended) for session, ended, _ in runs], [("later", 1)])
+        self.assertGreater(runs[0][2], 4 * 6)  # of the training, and the tasks of each policy
+
     def test_a_demo_is_repeated_from_another_folder(self):
         data = self.folder / "my drives"
         data.mkdir()
         for name in ("there", "back"):
             (data / f"{name}.csv").write_text("".join(f"{i % 7},{i * i % 11},{i}\n" for i in range(24)))
-        self.run_command("citylearn", "demo", "--data", "my drives", "--train", "there", "--steps", "512", "--tasks", "4", "--output",
-                         "first", "--no-wait", "--no-dashboard")
+        self.environment["CITYLEARN_BUILD"] = str(BUILD)
+        said = self.run_command(SOURCE / "run", "demo", "--data", "my drives", "--train", "there", "--steps", "512", "--tasks", "4",
+                                "--output", "first", "--no-wait", "--no-dashboard")
+        self.assertIn(f"Next:\n  {SOURCE}/run again first --agent features\n", said)
+        self.assertNotIn("demo --data", said)  # what it would do again
         elsewhere = self.folder / "elsewhere"
         elsewhere.mkdir()
         self.folder = elsewhere
@@ -78,6 +99,30 @@ class Installation(CommandLine):
         manifest = json.loads(again.read_text())
         self.assertEqual(manifest["seed"], 2)
         self.assertEqual(again.with_name("demo.words").read_text().split("\0")[:2], ["--data", str(data)])
+
+    def test_a_build_says_at_its_start_how_long_it_takes(self):
+        function = re.search(r"^seconds_left\(\).*$", (SOURCE / "run").read_text(), re.M)[0]
+        # 332 steps of 7.75 s take 2,573 s, whatever the first ones took; in the end, what was seen counts most.
+        for done, seconds, low, high in ((0, 0, 2573, 2573), (3, 2, 2200, 2573), (3, 60, 2573, 3000), (166, 600, 600, 900)):
+            left = int(self.run_command("bash", "-c", f"{function}; seconds_left {done} 332 7750 {seconds}"))
+            self.assertTrue(low <= left <= high, (done, seconds, left))
+
+    def test_a_demo_with_the_programs_of_packages(self):
+        for name, programs in (("services", ["env_service", "encoder_service", "policy_service"]), ("dashboard", ["dashboard"])):
+            root = self.folder / name
+            for folder in ("DEBIAN", "usr/bin", "usr/share/citylearn/page"):
+                (root / folder).mkdir(parents=True)
+            for program in programs:
+                shutil.copy(PREFIX / "bin" / program, root / "usr/bin" / program)
+            (root / "DEBIAN/control").write_text(f"Package: citylearn-{name}\nVersion: 1\nArchitecture: amd64\nMaintainer: a <a@b.invalid>\n"
+                                                 "Depends: bash (>= 5), citylearn-services | none\nDescription: programs\n")
+            self.run_command("dpkg-deb", "-Znone", "-b", root, self.folder)
+        self.environment["CITYLEARN_BUILD"] = "mine"
+        short = ["--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4", "--no-wait"]
+        self.run_command(SOURCE / "run", "demo", "--from-packages", ".", *short, "--output", "first")
+        self.assertIn("mine/packaged/usr/bin/policy_service", (self.folder / "first/manifest.json").read_text())
+        self.assertIn("--train", self.run_command(SOURCE / "run", "policy", "--show-config", "first"))
+        self.assertIn("there is no 'first/citylearn-services_", self.run_command(SOURCE / "run", "demo", "--from-packages", "first", status=1))
 
     def test_a_program_that_is_not_installed_is_named(self):
         copy = self.folder / "bin"

@@ -78,7 +78,7 @@ TEST(Demo, PrintsItsTable) {
   for (const char* row :
        {"traversal +filter +shuffled +blind", "fall( +[0-9]\\.[0-9]{3}){5} +1\\.000", "summer +[0-9]\\."})
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
-  EXPECT_TRUE(contains(demo->output(), "Next:\n  ./run dashboard")) << demo->output();
+  EXPECT_TRUE(contains(demo->output(), "\n  " CITYLEARN_SOURCE_DIR "/run demo --data DIR")) << demo->output();
   EXPECT_TRUE(fs::exists(demo.output() + "/summary.json")) << "a folder with a blank";
 }
 
@@ -192,7 +192,7 @@ TEST(Demo, IsRepeatedWithOtherOptions) {
   const std::string again =
       demo.run("again '" + demo.output() + "' --seed 2 --tasks 5", "CITYLEARN_DOMAIN=" + std::to_string(own_domain()));
   EXPECT_TRUE(contains(again, "seed 2")) << again;
-  EXPECT_TRUE(contains(again, "./run demo --output ")) << again;
+  EXPECT_TRUE(contains(again, CITYLEARN_SOURCE_DIR "/run demo --output ")) << again;
   EXPECT_TRUE(contains(again, "Next:")) << again;
   EXPECT_TRUE(contains(demo.run("again nowhere"), "'nowhere': is no folder of a demo's run"));
 }

@@ -6,18 +6,24 @@ demo_usage() {
   cat <<TEXT
 $COMMAND demo [OPTIONS]    trains on one traversal and evaluates on all
 
-What it runs on
+A first run needs none of them, or these
   --data DIR           recordings: each traversal is a folder of images or a
                        video, DIR/NAME/ or DIR/NAME.mp4, or features,
                        DIR/NAME.csv, one frame a row (default: a drawn city)
-  --dataset NAME       format of DIR (default: what "$COMMAND data check"
-                       recognises); "$COMMAND data list" shows all
   --train A[,B]        traversal to train on (default summer, or else the first
                        by name); A,B trains on both, as experiences of the
                        route of A
   --evaluate A,B       traversals to evaluate on (default all)
   --frames FIRST:END   part of the route to use, 0-based, half open (default
                        0:128, or all of a shorter route)
+  --agent NAME         place_filter (default), place_memory, features,
+                       raw_images, baseline
+  --output DIR         summary.json, metrics.csv, manifest.json, checkpoints/
+                       (default $RUNS/TIME, from the folder that you are in)
+
+What it runs on
+  --dataset NAME       format of DIR (default: what "$COMMAND data check"
+                       recognises); "$COMMAND data list" shows all
   --align-by HOW       how to find the same places in other recordings: index,
                        matches, distance or gps (default: as the dataset
                        suggests); --align-within METRES is for the last two
@@ -30,8 +36,6 @@ What it runs on
                        "$COMMAND encoder --list" show, as --kitti-camera
 
 What it trains
-  --agent NAME         place_filter (default), place_memory, features,
-                       raw_images, baseline
   --seed N             seed of all randomness (default 1)
   --seeds 1..5         one run for each seed, then medians and spreads
   --time-limit S       ends training after S seconds
@@ -40,11 +44,10 @@ What it trains
   ("$COMMAND policy --help").
 
 Where
-  --output DIR         summary.json, metrics.csv, manifest.json, checkpoints/
-                       (default $RUNS/TIME)
   --middleware NAME    cyclonedds (default), fastdds
   --port N             port of the page (default a free one)
-  --no-dashboard       starts no dashboard
+  --no-dashboard       shows and records the run on no page. Otherwise an open
+                       "$COMMAND dashboard" does so, or one of the demo's own
   --no-wait            ends when the results are printed. Otherwise, on a
                        terminal, the page stays open until a key is pressed
 TEXT
@@ -85,20 +88,31 @@ stop() {
   end dashboard
 }
 
-# Opens a run of its own, by default below RUNS: makes its folder `output`, sets `domain` and `wire`, the options by which its
-# services meet over `middleware`, and ends them when this script ends. Several runs on one machine don't meet.
+# Opens a run of its own, by default below RUNS: makes its folder `output`, sets `domain` ($1, or one of its own) and `wire`,
+# the options by which its services meet over `middleware`, and ends them when this script ends. Several runs on one machine
+# don't meet.
 open_run() {
   output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
-  mkdir -p "$output/logs" || fail "--output: cannot create '$output'"
+  local problem; problem=$(mkdir -p "$output/logs" 2>&1) || fail "--output: $problem"
   local session; session=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
-  domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 100))}
+  domain=${CITYLEARN_DOMAIN:-${1:-$((1 + $$ % 100))}}
   wire=(--session "$session" --domain "$domain" --middleware "$middleware")
   mkdir -p "$RUNS"
   printf '%s %s %s\n' "$domain" "$middleware" "$session" >"$RUNS/.demo-$$"
-  say "$NAME: domain $domain, session $session; $COMMAND doctor and $COMMAND record find it"
   trap stop EXIT
   trap 'exit 130' INT
   trap 'exit 143' TERM
+}
+
+# Says by what tools find this run.
+say_where() { say "$NAME: domain $domain, session ${wire[1]}; $COMMAND doctor and $COMMAND record find it"; }
+
+# Prints the address, domain and id of the `dashboard` that is open here, hears demos and records into the store $1; false
+# where there is none.
+open_dashboard() {
+  local address domain id process
+  { read -r address domain id process <"$1.lock"; } 2>/dev/null &&
+    grep -qsx dashboard "/proc/$process/comm" && printf '%s %s %s\n' "$address" "$domain" "$id"
 }
 
 # Starts the dashboard with options $2... on the store $1; false when it ends at once.
@@ -173,39 +187,53 @@ repeatable() {
   done
 }
 
+# Prints a command that one may try next, $1, and what it does.
+next() { printf '  %s\n      %s\n' "$COMMAND $1" "$2" >&2; }
+
 # Says what one may do next. On a terminal the page stays up until a key is pressed, unless $1 is no.
 after_demo() {
-  say "Next:
-  $COMMAND dashboard                               shows this run and all earlier ones again
-  $COMMAND demo --agent features                   trains another agent on the same route
-  $COMMAND demo --data DIR --train A --evaluate B  does the same with your own recordings"
+  local run other=features; run=$(printf %q "$output")
+  [[ " ${pass[*]} " != *[\ =]features\ * ]] || other=place_filter
+  say "Next:"
+  case $store in
+    '') ;;
+    "$RUNS/dashboard.sqlite") next dashboard "shows this run and all earlier ones again" ;;
+    *) next "dashboard --store $(printf %q "$store")" "shows this run again" ;;
+  esac
+  next "again $run --agent $other" "trains another agent on the same recordings"
+  [ ! -e "$output/checkpoints/best.clk" ] ||
+    next "export --checkpoint $run/checkpoints/best.clk --output agent.onnx" "writes the agent as an ONNX file"
+  [ -n "$data" ] || next "demo --data DIR --train A --evaluate B" "does the same with your own recordings"
   [ "$1" = yes ] && [ -t 0 ] && [ -n "${running[dashboard]:-}" ] || return 0
   say "The page stays open at $(sed -n '$s/^dashboard: //p' "$output/logs/dashboard.address") Press any key to end."
   read -rsn 1 || true
 }
 
+# Fails unless the option $1 has a value behind it.
+needs() { [ $# -ge 2 ] && [[ $2 != --* ]] || fail "$1 needs a value"; }
+
 demo() {
   local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
-  local plugins='' aligning=()
+  local plugins='' aligning=() notes=()
   local dashboard=yes port=0 wait=yes asked=("$@")
   while [ $# -gt 0 ]; do
     case $1 in
       --data|--dataset|--train|--evaluate|--frames|--middleware|--output|--port)
-        [ $# -ge 2 ] || fail "$1 needs a value"
+        needs "$@"
         declare "${1#--}=$2"; shift 2 ;;
       --data=*|--dataset=*|--train=*|--evaluate=*|--frames=*|--middleware=*|--output=*|--port=*)
         local name=${1%%=*}; declare "${name#--}=${1#*=}"; shift ;;
       --encoder|--dimension|--centring|--whitening|--model|--layer|--preset|--head|--store)
-        [ $# -ge 2 ] || fail "$1 needs a value"
+        needs "$@"
         encoding+=("$1" "$2"); shift 2 ;;
       --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--head=*|--store=*)
         encoding+=("$1"); shift ;;
       --align-by|--align-within)
-        [ $# -ge 2 ] || fail "$1 needs a value"
+        needs "$@"
         aligning+=("$1" "$2"); shift 2 ;;
       --align-by=*|--align-within=*) aligning+=("$1"); shift ;;
       --plugin)
-        [ $# -ge 2 ] || fail "$1 needs a value"
+        needs "$@"
         plugins+=$2,; shift 2 ;;
       --plugin=*) plugins+=${1#*=},; shift ;;
       --no-dashboard) dashboard=no; shift ;;
@@ -221,6 +249,7 @@ demo() {
          count=$((${frames#*:} - ${frames%:*})); part=(--frames "$frames") ;;
     *) [[ $count =~ ^[0-9]+$ ]] || fail "--frames: '$frames' is not FIRST:END, as 0:128" ;;
   esac
+  say "$NAME: trains an agent ${data:+on recordings in $data }and tests it, in 1 to 3 minutes with the default options"
   local services=(env encoder policy)
   [ $dashboard = no ] || services+=(dashboard)
   prepare "${services[@]}"
@@ -258,7 +287,7 @@ demo() {
   local known; known=$("$env" "${source[@]}" --list-traversals) || exit 1
   if [ -z "$train" ]; then
     train=$(grep -x summer <<<"$known" || head -n 1 <<<"$known")
-    [ "$train" = summer ] || say "$NAME: trains on '$train', as no traversal is called summer; --train takes another"
+    [ "$train" = summer ] || notes+=("trains on '$train', as no traversal is called summer; --train takes another")
   fi
   local route=${train%%,*}   # the others are aligned to it, and the encoder learns from it
   # As many agents as the chosen agent trains best with; it says so itself, and complains of options it does not know.
@@ -293,9 +322,9 @@ demo() {
   fi
   if [ -z "$frames" ] && [ "$shortest" -lt "$count" ]; then
     count=$shortest
-    say "$NAME: the shortest traversal has $count frames: --frames is 0:$count instead of 0:128"
+    notes+=("the shortest traversal has $count frames: --frames is 0:$count instead of 0:128")
   elif [ -z "$frames" ] && [ -n "$data" ] && [ "$whole" -gt "$count" ]; then
-    say "$NAME: takes the first $count of the $whole frames of '$route'; --frames takes another part, or more"
+    notes+=("takes the first $count of the $whole frames of '$route'; --frames takes another part, or more")
   fi
   local aligned=$images   # frames of equal index in tables of features show the same place already
   [[ $dataset =~ ^(plain|synthetic)$ && ${#aligning[@]} -eq 0 ]] || aligned=yes
@@ -305,18 +334,29 @@ demo() {
     "$encoder" "${encoding[@]}" --list >/dev/null || exit 1
   fi
   [[ " ${pass[*]}" == *' --controls'* ]] || pass+=(--controls all)
-  local domain wire traversal
-  open_run
+  local domain wire traversal note page='' shared='' recorder='' store=''
+  [ $dashboard = no ] || store=$RUNS/dashboard.sqlite
+  # An open dashboard hears one domain; it shows and records this run too, unless another domain or port is asked for.
+  [ -z "$store" ] || [ "$port" != 0 ] || read -r page shared recorder < <(open_dashboard "$store") || true
+  [ "${CITYLEARN_DOMAIN:-$shared}" = "$shared" ] || page='' shared=''
+  open_run "$shared"
   repeatable "${asked[@]}" >"$output/demo.words"
   local recorders=()
-  if [ $dashboard = yes ]; then
+  if [ -n "$page" ]; then
+    printf 'dashboard: %s\n' "$page"
+    recorders=(--recorders "$recorder")
+  elif [ -n "$store" ]; then
     # All demos share a store, so that their runs can be compared; while another one has it, this one has its own.
-    start_dashboard "$RUNS/dashboard.sqlite" "${wire[@]}" --port "$port" ||
-      start_dashboard "$output/dashboard.sqlite" "${wire[@]}" --port "$port" ||
+    start_dashboard "$store" "${wire[@]}" --port "$port" ||
+      { store=$output/dashboard.sqlite
+        notes+=("another dashboard records into $RUNS/dashboard.sqlite: this run is kept in $store")
+        start_dashboard "$store" "${wire[@]}" --port "$port"; } ||
       { tail -n 1 "$output/logs/dashboard.log" >&2; fail "the dashboard did not start; --no-dashboard goes without it"; }
     cat "$output/logs/dashboard.address"
     recorders=(--recorders dashboard)
   fi
+  say_where
+  for note in "${notes[@]}"; do say "$NAME: $note"; done
   while IFS= read -r traversal; do
     local align=() hosted=$agents
     [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route" "${aligning[@]}")

@@ -78,6 +78,7 @@ robot() {
       { tail -n 1 "$output/logs/dashboard.log" >&2; fail "the dashboard did not start; --no-dashboard goes without it"; }
     cat "$output/logs/dashboard.address"
   fi
+  say_where
 
   say "$NAME: teaches: a robot is driven along $((places * 4)) m in summer, and what its camera sees becomes $output/route"
   start teach "$(program teach)" --output "$output/route" --traversal summer --spacing 4 \

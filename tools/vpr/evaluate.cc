@@ -341,7 +341,10 @@ class Evaluation {
       row.matches = "matches-" + slug_of(row) + ".jpg";
       write_file(options_.output + "/" + row.matches, matches_jpeg(reference_, queries_[index], found, truths_[index]));
     }
-    spdlog::info("{}: recall@1 {:.3f}, AUC {:.3f}", slug_of(row), row.facts["recall_1"].get<double>(), row.curve.auc);
+    spdlog::info("{} by {} ({} numbers, centring {}), {}: first answer right {:.0f} %, AUC {:.3f}",
+                 queries_[index].name, row.facts["encoder"].get<std::string>(), reference.rows(),
+                 row.facts["centring"].get<std::string>(), method.name() == "nearest" ? "nearest frame" : method.name(),
+                 100 * recall_at(found, 1), row.curve.auc);
     rows_.push_back(std::move(row));
     write_file(options_.output + "/results.csv", results_csv(rows_));
     write_file(options_.output + "/results.json", results_json(options_, rows_));

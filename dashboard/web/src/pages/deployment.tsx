@@ -62,7 +62,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
         {({ evaluations: list }) =>
           list.length ? (
             <>
-              <Matrix list={list} />
+              <SplTable list={list} />
               <div class="tiles evaluations">
                 {[...byTraversal(list)].map(([traversal, group]) => (
                   <EvaluationCard key={traversal} traversal={traversal} list={group} />
@@ -86,7 +86,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
 }
 
 /** Shows SPL as a policy_service prints it at its end. */
-function Matrix({ list }: { list: readonly Evaluation[] }): JSX.Element {
+export function SplTable({ list }: { list: readonly Evaluation[] }): JSX.Element {
   const { policies, rows } = useMemo(() => splMatrix(list), [list]);
   const columns: Column<(typeof rows)[number]>[] = [
     text('traversal', 'Traversal'),
@@ -174,6 +174,7 @@ function Checkpoints({ list }: { list: readonly Evaluation[] }): JSX.Element | n
       name="checkpoints"
       xLabel="update"
       yLabel="SPL"
+      max={1}
       lines={lines}
       format={threeDecimals}
       xFormat={short}

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
-import type { Run, Service } from '../api/types';
+import { runPath } from '../api/client';
+import type { Evaluation, Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
 import { meanRate, runName } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
-import { valueOf } from '../state/resource';
+import { useJson, valueOf } from '../state/resource';
 import { playback } from '../state/playback';
 import { hrefOf } from '../state/router';
 import { about, alarmedServices, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
@@ -14,6 +15,7 @@ import { Card, Empty, Show, State, toneOf } from '../ui/basics';
 import { RunNotes } from '../ui/run_notes';
 import { Spark } from '../ui/spark';
 import { figure, SaveTable, TableCard, text, type Column } from '../ui/table';
+import { SplTable } from './deployment';
 
 export function Overview(): JSX.Element {
   const all = valueOf(runs.value) ?? [];
@@ -41,6 +43,7 @@ export function Overview(): JSX.Element {
               }
             </Show>
           </Card>
+          {running.length === 0 && all[0] && <Result run={all[0]} />}
           <Services />
         </div>
         <Events />
@@ -50,18 +53,25 @@ export function Overview(): JSX.Element {
 }
 
 function NothingRuns({ known }: { known: readonly Run[] }): JSX.Element {
-  const newest = known[0];
-  if (newest)
-    return (
-      <Empty title="No training in progress">
-        See the newest run, {newest.agent} of {dateTime(newest.started)}, under{' '}
-        <a href={hrefOf('training')}>Training</a>.
-      </Empty>
-    );
+  if (known.length) return <Empty title="No training in progress">The newest run and what came of it are below.</Empty>;
   return (
     <Empty title="No runs yet">
       Start one with <code>citylearn demo</code>, or start services of your own on this domain: they appear here automatically.
     </Empty>
+  );
+}
+
+/** What came of a run that has ended. */
+function Result({ run }: { run: Run }): JSX.Element {
+  const evaluations = valueOf(useJson<{ evaluations: Evaluation[] }>(runPath(run.id, '/evaluations'), run.state));
+  const rows = useTraining([run.id]).get(run.id)?.rows;
+  return (
+    <>
+      <Card title="Newest run" hint={dateTime(run.started)}>
+        <RunCard run={run} rows={rows} />
+      </Card>
+      {evaluations && evaluations.evaluations.length > 0 && <SplTable list={evaluations.evaluations} />}
+    </>
   );
 }
 

@@ -30,11 +30,12 @@ interface Metric {
   hint: string;
   unit: string;
   format: (value: number) => string;
+  max?: number;
 }
 
 const PERFORMANCE: Metric[] = [
   { key: 'reward', title: 'Reward', hint: 'mean of the last 100 episodes', unit: '', format: threeDecimals },
-  { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', unit: '', format: threeDecimals },
+  { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', unit: '', format: threeDecimals, max: 1 },
   { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of the last 100 episodes', unit: 'steps', format: (v) => fixed(v, 1) },
 ];
 const FORMATS: { [unit: string]: (value: number) => string } = { share: (v) => percent(v), 'steps/s': short };
@@ -226,6 +227,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom, mark, 
       {...axisProps(x)}
       yLabel={[metric.title, metric.unit].filter(Boolean).join(', ')}
       format={metric.format}
+      max={metric.max}
       lines={lines}
       references={references}
       zoom={zoom}

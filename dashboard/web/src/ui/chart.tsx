@@ -45,6 +45,8 @@ export interface ChartProps {
   xEnd?: number | undefined;
   xRange?: [number, number];
   yRange?: [number, number];
+  /** The greatest value that there can be: no line and no label of the y axis lies above it. */
+  max?: number | undefined;
   empty?: string;
 }
 
@@ -242,7 +244,7 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       },
       y: {
         range: (_, low, high) => {
-          const { references, yRange } = current.current as Current;
+          const { references, yRange, max = Infinity } = current.current as Current;
           if (yRange) return yRange;
           const values = [low, high, ...references.map((reference) => reference.value)].filter(
             (value) => value !== null && Number.isFinite(value),
@@ -251,7 +253,8 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
           const greatest = Math.max(...values);
           if (!Number.isFinite(least)) return [0, 1];
           const margin = (greatest - least || Math.abs(greatest) || 1) * 0.06;
-          return [least - margin, greatest + margin];
+          // A line along the greatest value is drawn whole.
+          return [least - margin, Math.min(greatest + margin, Math.max(greatest, max) + margin / 12)];
         },
       },
     },

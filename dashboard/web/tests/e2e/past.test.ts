@@ -73,6 +73,14 @@ async function pictured(page: Page): Promise<number> {
 }
 
 describe('a past run', () => {
+  it('has its results on the overview', async () => {
+    const { page } = await stage.page('overview');
+    await page.getByRole('heading', { name: 'Newest run' }).waitFor();
+    const table = page.getByRole('table', { name: 'SPL by traversal and policy' });
+    await table.getByRole('row', { name: /^winter/ }).waitFor();
+    expect(await violations(page)).toEqual([]);
+  });
+
   it('has its route whole: map, episodes, and pictures of both traversals', async () => {
     const { page, complaints } = await stage.page(link('route'));
     await page.locator('.map .scale', { hasText: /\d m$/ }).first().waitFor();

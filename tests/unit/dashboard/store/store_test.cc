@@ -279,8 +279,10 @@ TEST_F(StoreTest, RunNamesWithSlashesStayApart) {
 
 TEST_F(StoreTest, OneDashboardAFile) {
   {
-    const Store store(options());
+    Store store(options());
     EXPECT_TRUE(contains(refusal(), "another dashboard records here"));
+    store.publish_writer("http://127.0.0.1:8080/ 0 dashboard 1\n");
+    EXPECT_TRUE(contains(refusal(), "open http://127.0.0.1:8080/, or end it"));
   }
   EXPECT_EQ(refusal(), "");
 }

@@ -55,6 +55,16 @@ TEST(Trainer, RefusesALearnerThatCannotBeginOrFreeze) {
                        "learner 'recorder' cannot start from given parameters"));
 }
 
+/// A hundredth, added a hundred times, is more than 1.
+TEST(Trainer, TheMeanSplOfPerfectEpisodesIsOne) {
+  const Traversal city = small_city();
+  Trainer trainer(recorded("baseline"), task_of(city));
+  Rollout none;
+  Rollout* const rollouts[] = {&none};
+  trainer.learn(rollouts, std::vector<FinishedEpisode>(100, {.tick = 1, .reward = 1, .spl = 1, .steps = 4}));
+  EXPECT_EQ(trainer.progress().spl, 1);
+}
+
 /// The rollout says what the environment did, and values a truncated episode as if it had gone on.
 TEST(Trainer, CollectsWhatHappened) {
   const Traversal city = small_city();

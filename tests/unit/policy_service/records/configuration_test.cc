@@ -106,6 +106,23 @@ TEST(Configuration, ManifestHasTheWholeCommand) {
   EXPECT_EQ(manifest["command"]["folder"], std::filesystem::current_path().string());
 }
 
+TEST(Configuration, OfARunThatEndedIsInItsManifest) {
+  PolicyServiceOptions options;
+  options.command = {"policy_service"};
+  options.configuration = {{"--frames", "0:128", "default"}, {"--seed", "5", "file a.toml"}};
+  options.first_frame = 4;
+  options.frames = 20;  // of a short traversal
+  const Folder folder;
+  make_file(folder / "manifest.json", manifest_json(options, {}, {}, "", 1).dump());
+  std::string text;
+  for (const OptionValue& one : recorded_configuration(folder.path()))
+    text += one.name + " " + one.value + ", " + one.origin + "\n";
+  EXPECT_EQ(text, "--frames 4:24, default\n--max-steps 0, default\n--seed 5, file a.toml\n");
+  EXPECT_TRUE(contains(error_of([&] { recorded_configuration(folder / "none"); }), "/none: has no manifest.json"));
+  make_file(folder / "manifest.json", "{}");
+  EXPECT_TRUE(contains(error_of([&] { recorded_configuration(folder.path()); }), "does not say what options"));
+}
+
 /// Runs policy_service and returns its output.
 std::string output_of(Arguments arguments) {
   const Folder folder;
