@@ -146,9 +146,11 @@ void EncoderService::on_completed_info(const msg::TraversalInfo& info) {
   if (info.encoder_incarnation() == node_.incarnation()) return;
   Peer& peer = peers_[info.encoder_incarnation()];
   peer.presence.heard(now_);
-  if (peer.beats && pipeline_.encoder_ready() && info.encoder().c_str() != pipeline_.feature_recipe()) {
+  const FeatureRecipe own = pipeline_.feature_recipe();
+  const auto others = FeatureRecipe::parse(info.encoder().c_str());
+  if (peer.beats && pipeline_.encoder_ready() && !(others && own.agrees(*others))) {
     const Error wrong(fmt::format("'{}' already encodes with {}, this one with {}", info.encoder_service().c_str(),
-                                  info.encoder().c_str(), pipeline_.feature_recipe()),
+                                  info.encoder().c_str(), own.text()),
                       "session '" + node_.options().session + "'",
                       "give both the same encoder, or choose another --session");
     if (std::none_of(environments_.begin(), environments_.end(),
@@ -341,7 +343,7 @@ void EncoderService::send_info(const Environment& environment) {
   msg::TraversalInfo info = environment.info;
   const EncodedTraversal& traversal = *pipeline_.find(info.hash());
   info.feature_dimension() = static_cast<std::uint32_t>(traversal.dimension());
-  info.encoder() = pipeline_.feature_recipe().c_str();
+  info.encoder() = pipeline_.feature_recipe().text().c_str();
   info.encoder_service() = node_.options().id.c_str();
   info.encoder_incarnation() = node_.incarnation();
   node_.forward(info);

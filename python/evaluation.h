@@ -23,6 +23,7 @@ std::unique_ptr<Policy> agent_policy(const TrainedAgent& agent, std::uint64_t se
 struct ExportedPolicy {
   explicit ExportedPolicy(const std::string& path);
   std::string name;
+  TrainingData data;                              ///< as TrainedAgent's
   int first_frame = 0, frames = 0, features = 0;  ///< 0 features: it takes none
   std::vector<std::byte> model;
   std::map<std::string, int> inputs;  ///< their widths

@@ -114,6 +114,8 @@ ExportedPolicy::ExportedPolicy(const std::string& path)
   if (!file.metadata.contains("agent") || frames < 2 || !inputs.contains("goal") || !inputs.contains("state"))
     throw Error("is not an agent that citylearn export wrote", path, "one that takes features");
   name = file.metadata.at("agent");
+  if (const auto found = file.metadata.find("data"); found != file.metadata.end())
+    data = TrainingData::parse(found->second, path);
   features = inputs.contains("features") ? inputs.at("features") : 0;
 }
 

@@ -170,11 +170,16 @@ void translate(std::exception_ptr thrown) {  // NOLINT(performance-unnecessary-v
 }
 
 void define_environments(py::module_& module) {
+  py::class_<TrainingData>(module, "TrainingData")
+      .def(py::init<>())
+      .def_property_readonly("traversals", &TrainingData::names)
+      .def_readonly("source", &TrainingData::source);
   py::class_<Recording, std::shared_ptr<Recording>>(module, "Recording")
-      .def(py::init([](const Keywords& options) {
-        const py::gil_scoped_release no_gil;
-        return std::make_shared<Recording>(load_recording(options));
-      }))
+      .def(py::init([](const Keywords& options, const TrainingData& learned) {
+             const py::gil_scoped_release no_gil;
+             return std::make_shared<Recording>(load_recording(options, learned));
+           }),
+           py::arg("options"), py::arg("learned") = TrainingData())
       .def_property_readonly("name", [](const Recording& one) { return one.traversal.name; })
       .def_property_readonly("frames", [](const Recording& one) { return one.traversal.frames; })
       .def_property_readonly("features", [](const Recording& one) { return one.traversal.dimension; })
@@ -216,12 +221,14 @@ void define_evaluation(py::module_& module) {
       .def_readonly("name", &TrainedAgent::name)
       .def_readonly("first_frame", &TrainedAgent::first_frame)
       .def_readonly("update", &TrainedAgent::update)
+      .def_readonly("data", &TrainedAgent::data)
       .def_property_readonly("frames", [](const TrainedAgent& agent) { return agent.task.frames; })
       .def_property_readonly("features", [](const TrainedAgent& agent) { return agent.task.features; })
       .def_property_readonly("reference", [](const TrainedAgent& agent) { return agent.task.reference; });
   py::class_<ExportedPolicy>(module, "ExportedPolicy")
       .def(py::init<const std::string&>())
       .def_readonly("name", &ExportedPolicy::name)
+      .def_readonly("data", &ExportedPolicy::data)
       .def_readonly("first_frame", &ExportedPolicy::first_frame)
       .def_readonly("frames", &ExportedPolicy::frames)
       .def_readonly("features", &ExportedPolicy::features);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "python/options.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -32,6 +33,7 @@ struct RecordingOptions {
   EncoderFiles files;
   std::map<std::string, std::map<std::string, double>> encoder_parameters;
   ReductionChoice reduction;
+  bool selection_given = false, reduction_given = false;
 };
 
 std::string with(std::string name, char from, char to) {
@@ -74,60 +76,154 @@ void add_recording_options(CLI::App& app, RecordingOptions& options) {
   add_reduction_options(app, options.reduction, kGroup);
 }
 
-/// Returns the traversal that --reference names. An Error names the option, which may have been left out.
-Traversal reference_traversal(Dataset& dataset, const std::string& name, const Selection& selection) try {
-  return select(dataset, name, selection);
-} catch (const Error& error) {
-  throw Error(error.what(), "--reference '" + name + "'");
-}
-
-/// Turns pictures into features as an encoder_service with these options does.
-Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions& options) {
-  const auto& entry = EncoderRegistry::instance().find("encoder", options.encoder);
-  const auto encoder = entry.create(
-      Parameters("encoder " + entry.name, entry.parameters, options.encoder_parameters[entry.name]), options.files);
-  const std::string store = options.store == "none" ? "" : options.store;
-  const ReductionChoice& choice = options.reduction;
-  ReductionOptions how = reduction_for(options.encoder, choice);
-  if (how.keeps_all() && encoder->training_sample_count() == 0)
-    return lab::with_features(pictures, lab::encode(*encoder, pictures, entry.name, store).matrix);
-  Selection selection = options.source.selection;
-  selection.align.clear();
-  const bool own = choice.reference == pictures.name;
-  const Traversal reference = own ? pictures : reference_traversal(dataset, choice.reference, selection);
-  if (!reference.images) throw Error("has no pictures to learn from", "reference '" + choice.reference + "'");
-  std::vector<cv::Mat> sample;
-  for (const int frame : training_frames(encoder->training_sample_count(), reference.frames))
-    sample.push_back(lab::read_picture(reference, frame));
-  if (!sample.empty()) encoder->learn(sample);
-  const Eigen::MatrixXf descriptors = lab::encode(*encoder, reference, entry.name, store).matrix;
-  if (!choice.dimension_given)
-    how.dimension = std::min(how.dimension, Reduction::largest_dimension(descriptors.rows(), descriptors.cols()));
-  const Reduction reduction = Reduction::learn(descriptors, how);
-  return lab::with_features(
-      pictures, reduction.apply(own ? descriptors : lab::encode(*encoder, pictures, entry.name, store).matrix));
-}
-
-}  // namespace
-
-Recording load_recording(const Keywords& keywords) {
+RecordingOptions read_recording_options(const Keywords& keywords) {
   CLI::App app;
   RecordingOptions options;
   add_recording_options(app, options);
   parse(app, keywords);
+  const auto any = [&](const std::vector<std::string>& names) {
+    return std::any_of(names.begin(), names.end(), [&](const std::string& name) { return keywords.contains(name); });
+  };
+  options.selection_given = any({"frames", "metres", "step", "step_metres"});
+  options.reduction_given = any({"dimension", "whitening", "centring"});
+  return options;
+}
+
+/// Returns the options given, and those of the training for what they leave out.
+Keywords with_training(const Keywords& given, const TrainingData& learned) {
+  if (!learned.known()) return given;
+  const TraversalContents& first = learned.traversals.front();
+  Keywords all;
+  for (const auto& [name, value] : learned.source) all[with(name, '-', '_')] = value;
+  const bool elsewhere = given.contains("data") || given.contains("dataset");
+  const std::string dataset = all.emplace("dataset", first.dataset).first->second;
+  if (!elsewhere && !all.contains("data") && dataset != "synthetic")
+    throw Error("are not known", "the recordings of the training", "give --data, or train with --source");
+  // Another folder or dataset has parameters of its own.
+  const auto other = given.find("dataset");
+  if (elsewhere && (other == given.end() ? dataset == "synthetic" : other->second != dataset))
+    std::erase_if(all, [&](const auto& one) { return one.first == "dataset" || one.first.starts_with(dataset + "_"); });
+  if (const auto recipe = FeatureRecipe::parse(first.encoder.value_or(""))) {
+    all.emplace("encoder", recipe->encoder_option());
+    all.emplace("reference", first.traversal);
+  }
+  for (const auto& [name, value] : given) all[name] = value;
+  if (!all.contains("condition")) all.emplace("traversal", first.traversal);
+  if (const auto found = all.find("align_to"); found != all.end() && name_from(found->second) == all["traversal"])
+    for (const char* name : {"align_to", "align_by", "align_within"}) all.erase(name);
+  return all;
+}
+
+/// Returns the name in its dataset of a recording that services announce as `name`.
+std::string name_in(Dataset& dataset, const std::string& name) {
+  const std::vector<std::string> names = dataset.names();
+  if (std::find(names.begin(), names.end(), name) != names.end()) return name;
+  const auto found = std::find_if(names.begin(), names.end(), [&](const auto& one) { return name_from(one) == name; });
+  return found == names.end() ? name : *found;
+}
+
+/// Selects the first frames, if it is these that the agent learned from.
+void select_as_taught(Dataset& dataset, Selection& selection, const TraversalContents& taught) {
+  const std::vector<std::string> names = dataset.names();
+  const std::string name = name_in(dataset, taught.traversal);
+  if (taught.frames < 2 || std::find(names.begin(), names.end(), name) == names.end()) return;
+  Selection first = selection;
+  first.align.clear();
+  first.end = static_cast<int>(taught.frames);
+  if (dataset.load(name).frames > first.end && select(dataset, name, first).hash() == taught.hash)
+    selection.end = first.end;
+}
+
+/// Returns the traversal that --reference names. An Error names the option, which may have been left out.
+Traversal reference_traversal(Dataset& dataset, const RecordingOptions& options) try {
+  Selection selection = options.source.selection;
+  selection.align.clear();
+  return select(dataset, name_in(dataset, options.reduction.reference), selection);
+} catch (const Error& error) {
+  throw Error(error.what(), "--reference '" + options.reduction.reference + "'");
+}
+
+/// Returns the traversal that the encoder of an agent learned from: it is here, or where the training found it.
+Traversal taught_reference(const RecordingOptions& options, const TrainingData& learned, std::uint64_t hash) {
+  std::vector<RecordingOptions> tried = {options};
+  if (!learned.source.empty()) tried.push_back(read_recording_options(with_training({}, learned)));
+  std::string why;
+  for (const RecordingOptions& one : tried) try {
+      Traversal found = reference_traversal(*open_dataset(one.source), one);
+      if (found.hash() == hash) return found;
+      why = fmt::format("'{}' has other contents (hash {:016x})", found.name, found.hash());
+    } catch (const Error& error) {
+      why = error.what();
+    }
+  throw Error(fmt::format("is not here, {:016x}: {}", hash, why), "the recording that the encoder learned from",
+              learned.remedy());
+}
+
+/// Turns pictures into features as an encoder_service with these options does, or did in the training. Returns what it
+/// would announce as TraversalInfo.encoder.
+std::string encode(Traversal& pictures, Dataset& dataset, RecordingOptions& options, const TrainingData& learned) {
+  const auto& entry = EncoderRegistry::instance().find("encoder", options.encoder);
+  const auto encoder = entry.create(
+      Parameters("encoder " + entry.name, entry.parameters, options.encoder_parameters[entry.name]), options.files);
+  const std::string store = options.store == "none" ? "" : options.store;
+  const auto taught =
+      learned.known() ? FeatureRecipe::parse(learned.traversals.front().encoder.value_or("")) : std::nullopt;
+  ReductionOptions how = reduction_for(options.encoder, options.reduction);
+  if (const auto before = taught ? options_of(taught->reduction) : std::nullopt; before && !options.reduction_given)
+    how = *before;
+  FeatureRecipe recipe{.encoder = "", .reduction = recipe_of(how)};
+  Reduction reduction;
+  Eigen::MatrixXf descriptors;
+  if (how.learns() || encoder->training_sample_count() > 0) {
+    const bool own = taught && taught->learned_on ? pictures.hash() == taught->learned_on
+                                                  : options.reduction.reference == pictures.name;
+    const Traversal reference = own                            ? pictures
+                                : taught && taught->learned_on ? taught_reference(options, learned, taught->learned_on)
+                                                               : reference_traversal(dataset, options);
+    if (!reference.images)
+      throw Error("has no pictures to learn from", "reference '" + options.reduction.reference + "'");
+    lab::fit_encoder(*encoder, reference);
+    if (how.learns()) {
+      recipe.learned_on = reference.hash();
+      descriptors = lab::encode(*encoder, reference, entry.name, store).matrix;
+      if (!options.reduction.dimension_given)
+        how.dimension = std::min(how.dimension, Reduction::largest_dimension(descriptors.rows(), descriptors.cols()));
+      reduction = Reduction::learn(descriptors, how);
+    }
+    if (!own) descriptors.resize(0, 0);
+  }
+  recipe.encoder = encoder->spec().name;
+  if (descriptors.size() == 0) descriptors = lab::encode(*encoder, pictures, entry.name, store).matrix;
+  if (!how.learns()) reduction = Reduction::learn(descriptors, how);
+  pictures = lab::with_features(pictures, reduction.apply(descriptors));
+  return recipe.text();
+}
+
+}  // namespace
+
+Recording load_recording(const Keywords& keywords, const TrainingData& learned) {
+  RecordingOptions options = read_recording_options(with_training(keywords, learned));
   const std::unique_ptr<Dataset> dataset = open_dataset(options.source);
-  Recording recording{imperfect(select(*dataset, chosen_traversal(*dataset, options.source), options.source.selection),
-                                options.imperfections),
+  if (learned.known() && !options.selection_given)
+    select_as_taught(*dataset, options.source.selection, learned.traversals.front());
+  const std::string name = name_in(*dataset, chosen_traversal(*dataset, options.source));
+  Recording recording{imperfect(select(*dataset, name, options.source.selection), options.imperfections),
                       options.imperfections};
   Traversal& traversal = recording.traversal;
   traversal.name = name_from(traversal.name);
   if (!traversal.turns.empty())
     throw Error("crosses itself, which agents cannot be told yet", "traversal '" + traversal.name + "'",
                 "leave its turns empty");
-  for (const char* option : {"--encoder", "--reference", "--dimension"})
-    if (!traversal.images && app.count(option) > 0)
-      throw Error("is for pictures, but traversal '" + traversal.name + "' has features", option, "leave it out");
-  if (traversal.images) traversal = encoded(traversal, *dataset, options);
+  for (const std::string option : {"encoder", "reference", "dimension"})
+    if (!traversal.images && keywords.contains(option))
+      throw Error("is for pictures, but traversal '" + traversal.name + "' has features", "--" + option,
+                  "leave it out");
+  TraversalContents contents{
+      traversal.name, traversal.hash(), 0, "", traversal.dataset, static_cast<std::uint32_t>(traversal.frames)};
+  if (traversal.images) contents.encoder = encode(traversal, *dataset, options, learned);
+  contents.feature_dimension = static_cast<std::uint32_t>(traversal.dimension);
+  if (const std::string wrong = learned.misfit(contents); !wrong.empty())
+    throw Error(wrong, "traversal '" + traversal.name + "'", learned.remedy());
   return recording;
 }
 

@@ -8,6 +8,7 @@
 #include "core/wire/node_options.h"
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
+#include "policy_service/network/training_data.h"
 #include "policy_service/records/policy_service_options.h"
 
 namespace citylearn::python {
@@ -21,9 +22,10 @@ struct Recording {
   Imperfections imperfections;
 };
 
-/// Loads a traversal by the options of env_service and, for pictures, of encoder_service. Throws UnknownOption; Error
-/// naming option, file or frame.
-Recording load_recording(const Keywords& keywords);
+/// Loads a traversal by the options of env_service and, for pictures, of encoder_service. An agent that learned from
+/// `learned` sees it as it was taught: what `keywords` leave out is taken from there, and features are made by the same
+/// encoder and reduction. Throws UnknownOption; Error naming option, file or frame, or what does not fit the agent.
+Recording load_recording(const Keywords& keywords, const TrainingData& learned = {});
 
 /// Reads the options that every service has (add_node_options). Throws UnknownOption or Error.
 NodeOptions read_node_options(const Keywords& keywords);

@@ -27,6 +27,8 @@ struct ReductionOptions {
   int dimension = 64;      ///< d after PCA; 0 = no PCA: centred and scaled to length 1 only; without centring as it is
   double whitening = 0.2;  ///< exponent e of the eigenvalues: components are divided by eigenvalue^e; 0 none, 0.5 full
 
+  /// Returns whether a reference traversal teaches it anything.
+  bool learns() const { return dimension > 0 || centring == Centring::kReference || centring == Centring::kRunning; }
   /// Returns whether descriptors stay as they are: what networks see that learn their own features from pixels.
   bool keeps_all() const { return centring == Centring::kNone && dimension == 0; }
 };

@@ -10,7 +10,6 @@
 
 #include "core/files/files.h"
 #include "encoder_service/encoding/picture_encoder.h"
-#include "encoder_service/pipeline/learned_files.h"
 
 namespace citylearn {
 namespace {
@@ -147,6 +146,7 @@ void EncodingPipeline::advance(Clock::time_point now) {
       const std::string bytes = read_file(options_.reduction_file);
       reduction_ = std::make_shared<Reduction>(
           Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, options_.reduction_file));
+      reduction_source_ = mix_text(bytes);
     }
     encode_traversals();
     reduce_traversals();
@@ -170,11 +170,11 @@ std::string EncodingPipeline::encoder_path(std::uint64_t traversal) const {
   return learned_path(options_.store, fmt::format("{} {:016x}", encoder_recipe_, traversal), "encoder");
 }
 
-std::string EncodingPipeline::feature_recipe() const {
-  return FeatureRecipe{spec_.name, options_.reduction_file.empty()
-                                       ? recipe_of(options_.reduction)
-                                       : std::filesystem::path(options_.reduction_file).filename().string()}
-      .text();
+FeatureRecipe EncodingPipeline::feature_recipe() const {
+  if (!options_.reduction_file.empty())
+    return {spec_.name, std::filesystem::path(options_.reduction_file).filename(), reduction_source_};
+  const EncodedTraversal* teacher = reduction_ || !needs_reference() ? nullptr : reference();
+  return {spec_.name, recipe_of(options_.reduction), teacher ? teacher->hash : reduction_source_};
 }
 
 // ---------------------------------------------------------------- The encoder learns from the reference traversal.
@@ -430,7 +430,10 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
           traversal.work->lose(*lost);
           return;
         }
-        if (needs_reference()) reduction_ = *learned;
+        if (needs_reference() && !reduction_) {
+          reduction_ = *learned;
+          reduction_source_ = traversal.hash;
+        }
         traversal.features = std::move(*features);
         traversal.ready = true;
         spdlog::info("{}: ready, {} features a frame", traversal.name(), traversal.features.rows());

@@ -14,6 +14,7 @@
 #include "encoder_service/pipeline/descriptor_exchange.h"
 #include "encoder_service/pipeline/encoded_traversal.h"
 #include "encoder_service/pipeline/encoder_service_options.h"
+#include "encoder_service/pipeline/learned_files.h"
 
 namespace citylearn {
 
@@ -50,7 +51,7 @@ class EncodingPipeline {
   /// Returns whether the encoder has learned from the reference, or need not. From then on there is a feature_recipe().
   bool encoder_ready() const { return encoder_ready_; }
   /// Returns how features are made. Equal texts mean equal features.
-  std::string feature_recipe() const;
+  FeatureRecipe feature_recipe() const;
   bool busy() const;                                  ///< Returns whether features are still to be made.
   std::uint64_t encoded() const { return encoded_; }  ///< frames encoded here
   /// Returns what ServiceStatus is to say: FAILED and why, else the work on the first traversal that is not ready.
@@ -73,10 +74,7 @@ class EncodingPipeline {
   void reduce(EncodedTraversal& traversal);
   void send_requests();
 
-  bool needs_reference() const {
-    return options_.reduction.dimension > 0 || options_.reduction.centring == Centring::kReference ||
-           options_.reduction.centring == Centring::kRunning;
-  }
+  bool needs_reference() const { return options_.reduction.learns(); }
   EncodedTraversal* reference() const;
   bool has_host(const EncodedTraversal& traversal) const { return !find_host_(traversal.hash, "").empty(); }
   std::string encoder_path(std::uint64_t traversal) const;
@@ -91,6 +89,7 @@ class EncodingPipeline {
   Encoder::Spec spec_;  // once encoder_ready_
   std::vector<FetchedImage> training_sample_;
   std::shared_ptr<const Reduction> reduction_;
+  std::uint64_t reduction_source_ = 0;                                     // FeatureRecipe::learned_on of reduction_
   std::map<std::uint64_t, std::unique_ptr<EncodedTraversal>> traversals_;  // by hash
   Clock::time_point now_;
   std::uint64_t encoded_ = 0;

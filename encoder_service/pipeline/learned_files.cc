@@ -13,6 +13,8 @@ namespace citylearn {
 namespace {
 
 constexpr const char* kSeparator = " | ";
+constexpr const char* kLearnedOn = " of ";
+constexpr std::size_t kHashDigits = 16;
 constexpr std::size_t kMaxRecipeLength = 256;  // of TraversalInfo.encoder
 
 }  // namespace
@@ -45,12 +47,32 @@ std::string reduction_path(const std::string& store, const std::string& encoder,
                       "reduction");
 }
 
-std::string FeatureRecipe::text() const { return (encoder + kSeparator + reduction).substr(0, kMaxRecipeLength); }
+std::string FeatureRecipe::text() const {
+  const std::string source = learned_on == 0 ? "" : fmt::format("{}{:016x}", kLearnedOn, learned_on);
+  return (encoder + kSeparator + reduction).substr(0, kMaxRecipeLength - source.size()) + source;
+}
+
+std::string FeatureRecipe::encoder_option() const {
+  const std::string versioned = encoder.substr(0, encoder.find(' '));
+  return versioned.substr(0, versioned.rfind('-'));
+}
+
+bool FeatureRecipe::agrees(const FeatureRecipe& other) const {
+  return encoder == other.encoder && reduction == other.reduction &&
+         (learned_on == 0 || other.learned_on == 0 || learned_on == other.learned_on);
+}
 
 std::optional<FeatureRecipe> FeatureRecipe::parse(const std::string& text) {
   const std::size_t at = text.rfind(kSeparator);
   if (at == text.npos) return std::nullopt;
-  return FeatureRecipe{text.substr(0, at), text.substr(at + std::string(kSeparator).size())};
+  FeatureRecipe recipe{text.substr(0, at), text.substr(at + std::string(kSeparator).size())};
+  const std::size_t of = recipe.reduction.rfind(kLearnedOn), hash = of + std::string(kLearnedOn).size();
+  if (of == recipe.reduction.npos || recipe.reduction.size() != hash + kHashDigits ||
+      recipe.reduction.find_first_not_of("0123456789abcdef", hash) != recipe.reduction.npos)
+    return recipe;
+  recipe.learned_on = std::strtoull(recipe.reduction.c_str() + hash, nullptr, 16);
+  recipe.reduction.resize(of);
+  return recipe;
 }
 
 std::string recipe_of(const ReductionOptions& options) {

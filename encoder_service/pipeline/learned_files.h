@@ -26,8 +26,14 @@ std::string reduction_path(const std::string& store, const std::string& encoder,
 struct FeatureRecipe {
   std::string encoder;    ///< Encoder::Spec::name
   std::string reduction;  ///< "64 running 0.2", dimension as wanted; or the name of a file
+  /// Hash of the traversal that the reduction was learned on, or of that file's bytes; 0: of none, or not known.
+  std::uint64_t learned_on = 0;
 
-  std::string text() const;  ///< "ENCODER | REDUCTION", at most 256 characters
+  std::string text() const;  ///< "ENCODER | REDUCTION of LEARNED_ON", at most 256 characters
+  /// Returns the name that --encoder takes: "patchnorm" of "patchnorm-1 height=32".
+  std::string encoder_option() const;
+  /// Returns whether both make the same features of a picture, as far as is known.
+  bool agrees(const FeatureRecipe& other) const;
   /// Returns nothing when `text` is something else.
   static std::optional<FeatureRecipe> parse(const std::string& text);
 };

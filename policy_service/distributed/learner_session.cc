@@ -64,7 +64,7 @@ EnvRequirements LearnerSession::requirements() const {
   required.first_frame = info_.first_frame();
   required.frames = info_.frames();
   required.feature_dimension = info_.feature_dimension();
-  required.learned = {{info_.traversal().c_str(), info_.traversal_hash(), info_.feature_dimension(), std::nullopt}};
+  required.learned.traversals = {{info_.traversal().c_str(), info_.traversal_hash(), info_.feature_dimension()}};
   return required;
 }
 

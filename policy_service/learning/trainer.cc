@@ -287,8 +287,8 @@ void Trainer::describe(msg::LearnerInfo& info) const {
 
 TrainedAgent Trainer::agent() const {
   const Impl& p = *impl_;
-  return {p.options.agent,   p.task, p.options.first_frame, p.shared_network, p.learner->parameters(),
-          p.progress.updates};
+  return {p.options.agent,    p.task, p.options.first_frame, p.shared_network, p.learner->parameters(),
+          p.progress.updates, {}};
 }
 
 std::map<std::string, std::map<std::string, double>> Trainer::parameters() const { return impl_->parameters.values(); }

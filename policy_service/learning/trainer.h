@@ -85,8 +85,8 @@ class Trainer {
   /// Returns the number of times that all environments began anew with settings(), every agent with a new episode.
   std::uint64_t generation() const;
   /// Begins a new generation and returns everything needed to continue after it, in another process too; the present
-  /// segment is dropped. Environments need new settings afterwards. `manifest` (JSON, may be empty) is stored too.
-  Checkpoint checkpoint(const std::string& manifest = "");
+  /// segment is dropped. Environments need new settings afterwards.
+  Checkpoint checkpoint();
   /// Returns a checkpoint that the present generation goes on without: what continues from it begins a new one.
   Checkpoint snapshot() const;
   /// Continues from a checkpoint of a trainer with the same options and task. Throws Error naming what differs.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <limits>
 
-#include "core/files/json.h"
 #include "policy_service/learning/trainer_state.h"
 
 namespace citylearn {
@@ -101,11 +100,9 @@ Checkpoint Trainer::Impl::checkpoint() const {
   return checkpoint;
 }
 
-Checkpoint Trainer::checkpoint(const std::string& manifest) {
+Checkpoint Trainer::checkpoint() {
   impl_->begin_generation();
-  Checkpoint checkpoint = impl_->checkpoint();
-  if (!manifest.empty()) checkpoint.header["manifest"] = parse_json(manifest, "the manifest");
-  return checkpoint;
+  return impl_->checkpoint();
 }
 
 Checkpoint Trainer::snapshot() const {

@@ -181,6 +181,8 @@ TrainedAgent trained_agent(const Checkpoint& checkpoint) {
                                 header.at("network").get<std::map<std::string, double>>());
     agent.network = entry.create(parameters, agent.task);
     agent.parameters = checkpoint.tensors.at("learner.parameters").reshaped();
+    if (const auto data = header.find("data"); data != header.end())
+      agent.data = TrainingData::parse(data->dump(), "checkpoint");
     agent.update = header.value("progress", nlohmann::json::object()).value("updates", std::uint64_t{0});
   } catch (const nlohmann::json::exception& problem) {
     throw Error("the header lacks something: " + std::string(problem.what()), "checkpoint");

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "policy_service/network/agent_network.h"
+#include "policy_service/network/training_data.h"
 
 namespace citylearn {
 
@@ -18,6 +19,7 @@ struct TrainedAgent {
   std::shared_ptr<const AgentNetwork<float>> network;
   Vector<float> parameters;
   std::uint64_t update = 0;  ///< of the learner that made the parameters
+  TrainingData data;         ///< that it learned from; older checkpoints do not say
 };
 
 /// Returns the agent in a checkpoint. Throws Error when the header is incomplete or the network unknown.

@@ -31,8 +31,10 @@ struct PolicyServiceOptions : TrainerOptions {
   /// Traversals learned from: experiences of one route, which the first one's frames define.
   std::vector<std::string> train = {"summer"};
   std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are found
-  int environments = 1;               ///< env_services on each of `train` to begin with
-  bool lockstep = false;              ///< wait for lost ones instead of continuing without them
+  /// Options by which env_services and encoder_services made what is learned from, by name, for TrainingData::source.
+  std::map<std::string, std::string> source;
+  int environments = 1;   ///< env_services on each of `train` to begin with
+  bool lockstep = false;  ///< wait for lost ones instead of continuing without them
   EnvClientOptions client;
   double wait = 0;  ///< seconds until missing env_services are an error; 0 = for ever
 

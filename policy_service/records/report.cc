@@ -124,6 +124,7 @@ Json manifest_json(const PolicyServiceOptions& options,
       {"controls", options.controls},
       {"parameters", agent},
       {"traversals", data},
+      {"source", options.source},
   };
   Json values = Json::object(), origins = Json::object();
   for (const OptionValue& option : options.configuration) {

@@ -52,7 +52,7 @@ std::vector<std::string> names(const std::vector<ScoreRow>& rows, std::string Sc
 }
 
 enum class Fault { kNone, kBlind, kFilter, kPart };
-enum class Cause { kUnknown, kSteps, kPairs, kAlike, kUnlike, kChanged, kAgent };
+enum class Cause { kUnknown, kSteps, kPairs, kAlike, kUnlike, kChanged, kAgent, kUnchecked };
 
 /// Traversals on which the same can be said of an agent, with the SPL of each.
 struct Group {
@@ -136,6 +136,11 @@ std::string advice(Cause cause, const Group& group) {
     case Cause::kAgent:
       return fmt::format("The frames suffice: sequence_filter reaches {}. Train longer (--steps) or try another agent.",
                          range(group.filter));
+    case Cause::kUnchecked:
+      return fmt::format(
+          "The frames suffice: sequence_filter reaches {}. The checkpoint does not say what the agent learned from: "
+          "evaluate it with the recordings, frames and encoder of its training.",
+          range(group.filter));
   }
   return "";
 }
@@ -187,8 +192,9 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
         std::find(options.trained_on.begin(), options.trained_on.end(), traversal) != options.trained_on.end();
     const auto pairs = options.pairings.find(traversal);
     const Pairing pairing = pairs == options.pairings.end() ? Pairing() : pairs->second;
-    Group& group =
-        groups[{trained, fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, pairing)}];
+    Cause cause = fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, pairing);
+    if (cause == Cause::kAgent && options.unchecked) cause = Cause::kUnchecked;
+    Group& group = groups[{trained, fault, cause}];
     group.traversals.push_back(traversal);
     group.own.push_back(*own);
     if (blind) group.blind.push_back(*blind);

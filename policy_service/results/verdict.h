@@ -18,6 +18,7 @@ std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& ro
 struct VerdictOptions {
   std::vector<std::string> trained_on;      ///< traversals; success there shows nothing about others
   std::map<std::string, Pairing> pairings;  ///< by traversal, as examine_pairs() of it and the one trained on
+  bool unchecked = false;                   ///< whether the agent learned from such features is not known
 };
 
 /// Returns, in words, how the agent does on each traversal compared with the controls among `rows`, why it fails as far

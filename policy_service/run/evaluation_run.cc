@@ -13,12 +13,26 @@
 
 namespace citylearn {
 
+namespace {
+
+bool given(const PolicyServiceOptions& options, const std::string& name) {
+  return std::any_of(options.configuration.begin(), options.configuration.end(),
+                     [&](const OptionValue& option) { return option.name == name && option.origin != kDefaultOrigin; });
+}
+
+}  // namespace
+
 void EvaluationRun::load_agent() {
   PolicyServiceOptions& options = context_.options;
   agent_ = trained_agent(read_checkpoint(options.checkpoint));
   if (!agent_->task.turns.empty())
     throw Error("learned a route that crosses itself, and env_services do not announce crossings yet",
                 options.checkpoint, "evaluate it in one process (tools/lab)");
+  if (!agent_->data.known())
+    spdlog::warn("{}: the checkpoint does not say what its agent learned from, so the data are not checked",
+                 options.checkpoint);
+  else if (!given(options, "--train"))
+    options.train = agent_->data.names();
   if (!options.parameters.empty()) load_parameters(options.parameters, *agent_);
   if (options.max_steps == options.frames) options.max_steps = agent_->task.frames;
   options.agent = agent_->name;
@@ -33,6 +47,12 @@ Evaluation::MakePolicy EvaluationRun::agent_policy() const {
   return [agent = *agent_, options](const EnvHandle&) { return std::make_unique<NetworkPolicy>(agent, options); };
 }
 
+/// Returns the features that filters remember: those of --train, else those that the agent does.
+Matrix<float> EvaluationRun::reference() {
+  Matrix<float> hosted = context_.reference();
+  return hosted.size() == 0 && agent_ ? agent_->task.reference : hosted;
+}
+
 Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   PolicyServiceOptions& options = context_.options;
   const auto& entry = ControlRegistry::instance().find("control", name);
@@ -40,11 +60,11 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   const ControlTask route{options.first_frame, options.frames};
   if (name != "oracle_filter") {
     ControlTask task = route;
-    if (name == "sequence_filter") task.reference = context_.reference();
+    if (name == "sequence_filter") task.reference = reference();
     return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
   }
   std::map<std::string, ControlTask> tasks;
-  const Matrix<float> taught = context_.reference();
+  const Matrix<float> taught = reference();
   for (const EnvHandle* env : context_.evaluation_envs()) {
     const std::vector<float>& features = context_.features_on(env->traversal());
     ControlTask& task = tasks.emplace(env->traversal(), route).first->second;
@@ -169,7 +189,7 @@ void EvaluationRun::evaluate_all() {
     if (name == options.agent) continue;
     if (name == "shuffled") {
       evaluate(options.agent, true, agent, traversals);
-    } else if (name.ends_with("_filter") && context_.reference().size() == 0) {
+    } else if (name.ends_with("_filter") && reference().size() == 0) {
       spdlog::warn("skipping {}: traversal '{}' has no features or no env_service", name, joined(options.train));
     } else {
       evaluate(name, false, control(name), traversals);

@@ -23,6 +23,8 @@ class EvaluationRun {
   void load_agent();
   /// Returns the number of features a frame that the agent needs; unset without an agent.
   std::optional<int> feature_dimension() const { return agent_ ? std::optional(agent_->task.features) : std::nullopt; }
+  /// Returns what the agent learned from, as far as its checkpoint says.
+  TrainingData data() const { return agent_ ? agent_->data : TrainingData(); }
   /// Evaluates this agent from now on.
   void set_agent(TrainedAgent agent) { agent_ = std::move(agent); }
 
@@ -42,6 +44,7 @@ class EvaluationRun {
                 const std::vector<std::string>& traversals);
   Evaluation::MakePolicy agent_policy() const;
   Evaluation::MakePolicy control(const std::string& name);
+  Matrix<float> reference();
 
   RunContext& context_;
   std::optional<TrainedAgent> agent_;

@@ -37,7 +37,7 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
       training->execute();
     } else {
       if (!options.checkpoint.empty()) evaluation.load_agent();
-      context.require(evaluation.feature_dimension());
+      context.require(evaluation.feature_dimension(), evaluation.data());
     }
     evaluation.evaluate_all();
   } catch (const StopRequested&) {
@@ -58,7 +58,9 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
       std::any_of(rows.begin(), rows.end(), [&](const ScoreRow& row) { return row.policy != rows.front().policy; });
   std::cout << (compares ? spl_matrix(context.options.agent, rows) : table(rows))
             << verdict(context.options.agent, rows,
-                       {training ? options.train : std::vector<std::string>(), evaluation.pairings()})
+                       {.trained_on = training ? options.train : evaluation.data().names(),
+                        .pairings = evaluation.pairings(),
+                        .unchecked = !options.checkpoint.empty() && !evaluation.data().known()})
             << std::flush;
   if (!options.output.empty()) spdlog::info("wrote {}/summary.json", options.output);
   context.leave();

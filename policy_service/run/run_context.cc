@@ -28,14 +28,14 @@ void RunContext::handle() {
   if (stop_requested() || (stopped && stopped())) throw StopRequested();
 }
 
-void RunContext::require(std::optional<int> feature_dimension, const std::vector<TraversalContents>& learned) {
+void RunContext::require(std::optional<int> feature_dimension, const TrainingData& learned) {
   EnvRequirements required;
   required.traversals = {options.evaluate.begin(), options.evaluate.end()};
   if (!required.traversals.empty()) required.traversals.insert(options.train.begin(), options.train.end());
   required.first_frame = static_cast<std::uint32_t>(options.first_frame);
   required.frames = options.cap_frames ? 0 : static_cast<std::uint32_t>(options.frames);
   if (feature_dimension) required.feature_dimension = static_cast<std::uint32_t>(*feature_dimension);
-  required.learned = learned;
+  required.learned = learned_ = learned;
   client.require(std::move(required));
 }
 
@@ -81,6 +81,17 @@ EnvHandle* RunContext::env_on(const std::string& traversal) const {
   return found.empty() ? nullptr : found.front();
 }
 
+/// Throws Error when an env_service on a traversal without others has data that do not fit the agent of --checkpoint:
+/// nobody would change them while this waits.
+void RunContext::require_checkpoints_data(const std::string& traversal) const {
+  if (!envs_on(traversal).empty()) return;
+  for (const auto& [id, env] : client.envs())
+    if (env->traversal() == traversal && env->alive())
+      if (const std::string wrong = learned_.misfit(contents_of(env->info)); !wrong.empty())
+        throw Error(wrong, "env_service '" + id + "' on '" + traversal + "', for " + options.checkpoint,
+                    learned_.remedy());
+}
+
 void RunContext::wait_for_envs(const std::set<std::string>& traversals, int training_envs) {
   Clock::time_point since = Clock::now(), next_log = since + std::chrono::seconds(5);
   while (true) {
@@ -89,6 +100,7 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
       const int wanted = experience_on(traversal) >= 0 ? training_envs : 1;
       const int found = static_cast<int>(envs_on(traversal).size());
       if (found >= wanted) continue;
+      if (!options.checkpoint.empty()) require_checkpoints_data(traversal);
       missing += (missing.empty() ? "" : ", ") + traversal;
       if (wanted > 1) missing += fmt::format(" ({} of {})", found, wanted);
     }

@@ -46,7 +46,7 @@ class RunContext {
   void spin(std::chrono::milliseconds moment = kStopCheckInterval);
   /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
   /// far as these are known.
-  void require(std::optional<int> feature_dimension = {}, const std::vector<TraversalContents>& learned = {});
+  void require(std::optional<int> feature_dimension = {}, const TrainingData& learned = {});
   /// Lowers a default number of frames to what all of these env_services have, and the step limit that follows from it,
   /// and refuses env_services that have fewer. Does so once.
   void cap_frames(const std::vector<EnvHandle*>& envs);
@@ -76,9 +76,11 @@ class RunContext {
 
  private:
   void handle();
+  void require_checkpoints_data(const std::string& traversal) const;
   bool free(const EnvHandle& env) const;
 
   std::map<std::string, std::vector<float>> features_;  ///< by traversal
+  TrainingData learned_;
 };
 
 }  // namespace citylearn

@@ -34,6 +34,21 @@ void add_task_options(CLI::App& app, PolicyServiceOptions& options) {
       ->default_str("summer")
       ->delimiter(',')
       ->transform(name_from);
+  app.add_option_function<std::vector<std::string>>(
+         "--source",
+         [&options](const std::vector<std::string>& words) {
+           options.source.clear();
+           for (const std::string& word : words) {
+             const std::size_t at = word.find('=');
+             if (at == word.npos || at == 0)
+               throw CLI::ValidationError("--source", "'" + word + "' is not NAME=VALUE, as data=/home/me/drives");
+             options.source[word.substr(0, at)] = word.substr(at + 1);
+           }
+         },
+         "An option that the env_services and the encoder_service of --train were started with; may be repeated. "
+         "Checkpoints carry it, so that the agent can be evaluated on the same data later")
+      ->type_name("NAME=VALUE")
+      ->allow_extra_args(false);
   app.add_option("--evaluate", options.evaluate, "Traversals to evaluate on, A,B,...")
       ->default_str("all that are found")
       ->delimiter(',')

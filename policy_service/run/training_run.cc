@@ -41,21 +41,27 @@ void TrainingRun::build_trainer() {
     context_.wait_for_training_envs(options.environments);
     context_.cap_frames(context_.training_envs());
     reference = context_.reference();  // refuses env_services that do not deliver theirs
-    learned_.clear();
+    learned_ = {{}, options.source};
     for (const std::string& traversal : options.train)
-      if (const EnvHandle* env = context_.env_on(traversal)) learned_.push_back(contents_of(env->info));
-  } while (learned_.size() < options.train.size() || (reference.size() == 0 && learned_.front().feature_dimension > 0));
+      if (const EnvHandle* env = context_.env_on(traversal)) learned_.traversals.push_back(contents_of(env->info));
+  } while (learned_.traversals.size() < options.train.size() ||
+           (reference.size() == 0 && learned_.traversals.front().feature_dimension > 0));
   TrainerOptions trainer = options;
   if (options.steps > 0) trainer.trainer_parameters["steps"] = static_cast<double>(options.steps);
   NetworkTask task;
   task.frames = options.frames;
-  task.features = static_cast<int>(learned_.front().feature_dimension);
+  task.features = static_cast<int>(learned_.traversals.front().feature_dimension);
   context_.require(task.features, learned_);
   task.reference = std::move(reference);
   const std::string folder = context_.records.checkpoint_folder();
   const std::optional<std::string> newest = options.resume ? newest_checkpoint(folder) : std::nullopt;
-  if (!options.initial_checkpoint.empty() && !newest)
+  if (!options.initial_checkpoint.empty() && !newest) {
     trainer.initial = trained_agent(read_checkpoint(options.initial_checkpoint));
+    const TraversalContents& first = learned_.traversals.front();
+    for (const TraversalContents& before : trainer.initial->data.traversals)
+      if (const std::string wrong = features_misfit(first, before, "'" + before.traversal + "'"); !wrong.empty())
+        spdlog::warn("{}: its agent saw other features: '{}' {}", options.initial_checkpoint, first.traversal, wrong);
+  }
   trainer_ = std::make_unique<Trainer>(trainer, task);
   if (trainer.initial)
     spdlog::info("starting from the agent of {} (its update {})", options.initial_checkpoint, trainer.initial->update);
@@ -87,7 +93,7 @@ void TrainingRun::join_ranks() {
   if (!options.ranks_before.empty())
     spdlog::info("{} ranks go on where {} were", options.ranks, options.ranks_before.back());
   nlohmann::json traversals = nlohmann::json::object();
-  for (const TraversalContents& contents : learned_)
+  for (const TraversalContents& contents : learned_.traversals)
     traversals[contents.traversal] = {{"hash", fmt::format("{:016x}", contents.hash)},
                                       {"encoder", contents.encoder.value_or("")}};
   RankOptions ranks;
@@ -121,10 +127,16 @@ void TrainingRun::join_ranks() {
   spdlog::info("{} ranks learn together from update {} on", sharing_->members(), trainer_->progress().updates);
 }
 
+/// Adds what the agent learns from.
+Checkpoint TrainingRun::with_data(Checkpoint checkpoint) const {
+  checkpoint.header["data"] = parse_json(learned_.text(), "data");
+  return checkpoint;
+}
+
 void TrainingRun::save(Checkpoint checkpoint) {
   if (sharing_ && !sharing_->lowest()) return;
   saved_ = trainer_->progress().updates;
-  context_.records.save_checkpoint(*saved_, std::move(checkpoint));
+  context_.records.save_checkpoint(*saved_, with_data(std::move(checkpoint)));
 }
 
 /// A training that had ended already keeps its checkpoint, byte for byte.
@@ -149,7 +161,8 @@ bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
   if (due(context_.options.evaluate_every)) {
     evaluation_.set_agent(trainer_->agent());
     const std::optional<double> spl = evaluate_others();
-    if (spl && (!sharing_ || sharing_->lowest())) context_.records.save_evaluated(trainer_->snapshot(), *spl);
+    if (spl && (!sharing_ || sharing_->lowest()))
+      context_.records.save_evaluated(with_data(trainer_->snapshot()), *spl);
   }
   return true;
 }
@@ -351,7 +364,7 @@ std::optional<double> LearnerRun::evaluate_others() {
 
 void LearnerRun::train() {
   LearnerServerOptions options;
-  options.learned = learned_.front();
+  options.learned = learned_.traversals.front();
   options.window = context_.options.window;
   options.max_lag = context_.options.max_lag;
   options.run_id = context_.records.run_id();

@@ -49,7 +49,7 @@ class TrainingRun {
   RunContext& context_;
   EvaluationRun& evaluation_;
   std::unique_ptr<Trainer> trainer_;
-  std::vector<TraversalContents> learned_;  ///< of the training traversals
+  TrainingData learned_;
   TrainingReport report_;
 
  private:
@@ -60,6 +60,7 @@ class TrainingRun {
   /// Returns the fraction of --time-limit that has passed.
   double elapsed_fraction() const { return context_.options.time_limit > 0 ? wall() / context_.options.time_limit : 0; }
   bool time_is_up() const { return (sharing_ ? trainer_->elapsed() : elapsed_fraction()) >= 1; }
+  Checkpoint with_data(Checkpoint checkpoint) const;
   /// Saves a checkpoint; of several ranks only the lowest one does.
   void save(Checkpoint checkpoint);
   void save_newest();

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -24,7 +25,8 @@ class Scores(dict):
 
 def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
     """Returns the agent of a checkpoint (.clk) or of a model that citylearn export wrote (.onnx), with the attributes
-    name, features (D), frames (N) and first_frame. Raises FileNotFoundError, or ValueError that names the file."""
+    name, features (D), frames (N), first_frame and data: the traversals that it learned from and the options (source)
+    that found them, as far as it says. Raises FileNotFoundError, or ValueError that names the file."""
     with open(path, "rb"):  # Python's own errors for what cannot be opened
         return (_native.ExportedPolicy if str(path).endswith(".onnx") else _native.Agent)(str(path))
 
@@ -32,18 +34,22 @@ def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
 @none_is_default
 def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, traversals: Sequence[str] = (),
              controls: Sequence[str] = (), tasks: int = 2000, seed: int = 1, frames: int | str | None = None,
-             max_steps: int = 0, train: str = "summer", name: str = "policy",
+             max_steps: int = 0, train: str | None = None, name: str = "policy",
              control_parameters: dict[str, dict[str, float]] | None = None, **options: Any) -> Scores:
     """Lets a policy perform numbered tasks, and returns its figures as policy_service --mode evaluate has them.
 
     policy: of load_policy(); a control's name ("shortest_path"); or a function of observations, as VectorEnv's, and
       episode starts, bool (B,), that returns actions (B,). `name` is the function's in the results.
-    traversals: to walk on; `traversal` alone by default.
+    traversals: to walk on; `traversal` alone by default, which is the first one that the policy learned from, else
+      summer.
     controls: evaluated on the same tasks; "shuffled" is the policy on shuffled frames, "all" means every one.
     tasks, seed: the same seed gives every policy the same tasks.
     frames, max_steps: the route, as VectorEnv has it; a checkpoint's own by default.
-    train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's own.
-    options: as VectorEnv's in process.
+    train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's own; by default
+      the first one that the policy learned from.
+    options: as VectorEnv's in process. A policy of load_policy() brings those of its training along: dataset, folder,
+      frames, encoder. Other recordings are seen through its encoder, with what that learned in the training. Raises
+      ValueError for a recording that differs from the one of its name, or has features of another kind.
     """
     if not isinstance(policy, (*_LOADED, str)) and not callable(policy):
         raise TypeError(f"policy must be of load_policy(), the name of a control or a function, is {policy!r}")
@@ -54,6 +60,12 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
     seed_of(seed)
     agent = policy if isinstance(policy, _LOADED) else None
     own = agent.name if agent else policy if isinstance(policy, str) else name
+    learned = agent.data if agent else _native.TrainingData()
+    if agent and not learned.traversals:
+        if not any(name in ("data", "dataset") or name.startswith("synthetic_") for name in options):
+            raise ValueError("the policy does not say what it learned from; give data=, or dataset=\"synthetic\"")
+        warnings.warn("the policy does not say what it learned from, so the data are not checked", stacklevel=3)
+    train = train or (learned.traversals or ["summer"])[0]
     if agent and frames is None:
         frames, max_steps = f"{agent.first_frame}:{agent.first_frame + agent.frames}", max_steps or agent.frames
     if "all" in controls:
@@ -65,8 +77,9 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
         for parameter, value in values.items():
             check_number(f"control_parameters: {parameter} of {control}", value)
     scores = Scores()
-    shown = options.pop("traversal", "summer")
-    recordings = {each: _native.Recording(as_text({**options, "traversal": each})) for each in traversals or [shown]}
+    shown = options.pop("traversal", (learned.traversals or ["summer"])[0])
+    recordings = {each: _native.Recording(as_text({**options, "traversal": each}), learned)
+                  for each in traversals or [shown]}
 
     def reference(control: str, recording: Any, route: Any) -> Any:
         if control == "oracle_filter":
@@ -76,7 +89,7 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
         if isinstance(agent, _native.Agent):
             return agent.reference
         try:
-            known = recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}))
+            known = recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}), learned)
         except ValueError as error:
             raise ValueError(f"train '{train}', whose features control {control} knows: {error}") from None
         return known.reference(route)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Policies and their figures: those of policy_service's own evaluation."""
 
+import hashlib
 import json
 import re
+import struct
 import subprocess
 import tempfile
 import unittest
@@ -32,7 +34,8 @@ class Evaluation(unittest.TestCase):
         try:
             command = [BUILD / "policy_service/policy_service", *WHERE, "--agent=place_filter", "--steps=4000",
                        "--frames=0:32", f"--tasks={TASKS}", "--controls=all", "--seed=3", "--wait=60",
-                       "--evaluate=summer,winter", f"--output={temporary.name}/run"]
+                       "--evaluate=summer,winter", f"--output={temporary.name}/run",
+                       *(f"--source={option[2:]}" for option in options)]
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=200)
         finally:
             for service in services:
@@ -68,6 +71,36 @@ class Evaluation(unittest.TestCase):
         # OpenCV rounds differently, which hardly ever changes a drawn action.
         self.assertAlmostEqual(own.spl, other.spl, 2)
         self.assertAlmostEqual(own.mean_steps, other.mean_steps, 0)
+
+    def test_a_policy_brings_the_data_of_its_training(self):
+        policy = self.policy
+        self.assertEqual((policy.data.traversals, policy.data.source["synthetic-frames"]), (["summer"], "40"))
+        scores = citylearn.evaluate(policy, traversals=["summer", "winter"], tasks=TASKS, seed=3)
+        for (_, traversal), score in scores.items():
+            self.same(score, self.summary["evaluate"][traversal])
+        for own in (policy, citylearn.load_policy(self.model)):
+            self.assertEqual(set(citylearn.evaluate(own, tasks=TASKS)), {("place_filter", "summer")})
+            for more, wrong in (({"synthetic_seed": 2}, r"traversal 'summer': has other contents \(40 frames, hash "),
+                                ({"synthetic_dimension": 8, "traversal": "winter"},
+                                 "traversal 'winter': has 8 features a frame, the training has 16 .take the data")):
+                with self.assertRaisesRegex(ValueError, wrong):
+                    citylearn.evaluate(own, tasks=TASKS, **more)
+
+    def test_a_checkpoint_of_an_earlier_version_says_nothing_of_its_data(self):
+        file = self.checkpoint.read_bytes()
+        length, = struct.unpack("<Q", file[12:20])
+        header = json.loads(file[20:20 + length])
+        del header["data"]
+        text = json.dumps(header).encode()
+        body = file[:12] + struct.pack("<Q", len(text)) + text + file[20 + length:-32]
+        old = self.checkpoint.with_name("old.clk")
+        old.write_bytes(body + hashlib.sha256(body).digest())
+        policy = citylearn.load_policy(old)
+        with self.assertRaisesRegex(ValueError, "does not say what it learned from; give data="):
+            citylearn.evaluate(policy, tasks=TASKS)
+        with self.assertWarnsRegex(UserWarning, "does not say what it learned from"):
+            scores = citylearn.evaluate(policy, tasks=TASKS, seed=3, **DATA)
+        self.same(scores["place_filter", "summer"], self.summary["evaluate"]["summer"])
 
     def test_a_control_and_a_function_are_policies_too(self):
         scores = citylearn.evaluate("sequence_filter", tasks=TASKS, seed=3, frames=32, **DATA)
@@ -118,7 +151,7 @@ class Evaluation(unittest.TestCase):
             (FileNotFoundError, "missing.clk", lambda: citylearn.load_policy("missing.clk")),
             (ValueError, "support.py", lambda: citylearn.load_policy(Path(__file__).with_name("support.py"))),
             (ValueError, "unknown control 'nobody'.*known: ", lambda: citylearn.evaluate("nobody", **DATA)),
-            (ValueError, "feature_dimension", lambda: citylearn.evaluate(
+            (ValueError, "has other contents", lambda: citylearn.evaluate(
                 self.policy, **{**DATA, "synthetic_dimension": 8})),
             (ValueError, "must return .* whole numbers", lambda: citylearn.evaluate(lambda *_: [7], **DATA)),
             (ZeroDivisionError, "", lambda: citylearn.evaluate(lambda *_: 1 // 0, **DATA)),

@@ -190,6 +190,22 @@ repeatable() {
 # Prints a command that one may try next, $1, and what it does.
 next() { printf '  %s\n      %s\n' "$COMMAND $1" "$2" >&2; }
 
+# Prints the words $@ of env_services and encoder_services as the policy_service's --source, each with a null byte behind it.
+as_source() {
+  local name value
+  while [ $# -gt 0 ]; do
+    case $1 in
+      --*=*) name=${1%%=*} value=${1#*=}; shift ;;
+      *) name=$1 value=$2; shift 2 ;;
+    esac
+    case $name in
+      --plugin|--store) continue ;;
+      --data|--model|--head) value=$(realpath -ms "$value") ;;
+    esac
+    printf '%s\0' --source "${name#--}=$value"
+  done
+}
+
 # Says what one may do next. On a terminal the page stays up until a key is pressed, unless $1 is no.
 after_demo() {
   local run other=features; run=$(printf %q "$output")
@@ -365,9 +381,15 @@ demo() {
     start "env-$traversal" \
       "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" --agents "$hosted" "${recorders[@]}"
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
-  [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" --reference "$route" "${encoding[@]}"
+  # Checkpoints carry how the data were found and encoded.
+  [ "$aligned" = no ] || aligning=(--align-to "$route" "${aligning[@]}")
+  encoding=(--reference "$route" "${encoding[@]}")
+  [ "$images" = yes ] || encoding=()
+  local found=()
+  mapfile -d '' -t found < <(as_source "${source[@]}" --dataset "$dataset" "${part[@]}" "${aligning[@]}" "${encoding[@]}")
+  [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" "${encoding[@]}"
   "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --wait 60 \
-    --output "$output" "${pass[@]}" &
+    "${found[@]}" --output "$output" "${pass[@]}" &
   running[policy_service]=$!
 
   local status=0

@@ -4,12 +4,9 @@
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
-#include <nlohmann/json.hpp>
 
 #include "core/files/files.h"
-#include "core/files/json.h"
 #include "core/util/error.h"
 #include "encoder_service/pipeline/learned_files.h"
 #include "policy_service/interchange/agent_graph.h"
@@ -20,58 +17,47 @@ namespace {
 
 constexpr int kMaxSide = 4096;  // pixels
 
-/// The task that an agent was trained on, as its run's manifest has it.
+/// What an agent learned from, as its checkpoint says, or else the manifest of its run.
 class TrainedOn {
  public:
-  /// Throws Error when there is no such manifest, or none of a run with an encoder_service.
-  explicit TrainedOn(const std::string& path) try : path_(path), manifest_(parse_json(read_file(path), path)) {
+  /// Throws Error when neither says it, or the run had no encoder_service.
+  TrainedOn(const PictureExportOptions& options, const TrainingData& data)
+      : path_(data.known() && options.manifest.empty() ? options.agent.checkpoint : manifest_of(options)),
+        data_(path_ == options.agent.checkpoint ? data : TrainingData::parse(read_file(path_), path_)) {
     const auto recipe =
-        manifest_.is_object() ? FeatureRecipe::parse(traversal(first()).value("encoder", "")) : std::nullopt;
+        data_.known() ? FeatureRecipe::parse(data_.traversals.front().encoder.value_or("")) : std::nullopt;
     if (!recipe)
       throw Error("names no encoder that the agent learned with", path_,
                   "export an agent of a run with an encoder_service; without --picture the agent is written alone");
     recipe_ = *recipe;
-  } catch (const nlohmann::json::exception&) {
-    throw Error("is not the manifest of a run", path, "name it with --manifest");
   }
   const FeatureRecipe& recipe() const { return recipe_; }
-  /// Returns the name of the encoder: "patchnorm" of "patchnorm-1 height=32".
-  std::string encoder() const {
-    const std::string versioned = recipe_.encoder.substr(0, recipe_.encoder.find(' '));
-    return versioned.substr(0, versioned.rfind('-'));
-  }
   /// Returns the first traversal that it learned on.
-  std::string first() const {
-    const std::string all = manifest_.value("train", "");
-    return all.substr(0, all.find(','));
-  }
-  std::uint64_t hash(const std::string& name) const {
-    return std::strtoull(traversal(name).value("hash", "0").c_str(), nullptr, 16);
+  std::string first() const { return data_.traversals.front().traversal; }
+  /// Returns the hash of the traversal that the reduction was learned on; `name` where nothing else says which.
+  std::uint64_t reference(const std::string& name) const {
+    if (recipe_.learned_on != 0) return recipe_.learned_on;
+    for (const TraversalContents& one : data_.traversals)
+      if (one.traversal == name) return one.hash;
+    throw Error("knows no traversal '" + name + "'", path_,
+                "name with --reference a traversal of its run, or the file with --reduction");
   }
 
  private:
-  nlohmann::json traversal(const std::string& name) const {
-    const nlohmann::json all = manifest_.value("traversals", nlohmann::json::object());
-    if (!all.contains(name))
-      throw Error("knows no traversal '" + name + "'", path_,
-                  "name with --reference a traversal of its run, or the file with --reduction");
-    return all.at(name);
+  /// Checkpoints are in a folder beside the manifest of their run.
+  static std::string manifest_of(const PictureExportOptions& options) {
+    namespace fs = std::filesystem;
+    if (!options.manifest.empty()) return options.manifest;
+    std::string path = fs::absolute(options.agent.checkpoint).parent_path().parent_path() / "manifest.json";
+    if (!fs::exists(path))
+      throw Error("is not there", path, "it says which encoder the agent learned with; name it with --manifest");
+    return path;
   }
 
   std::string path_;
-  nlohmann::json manifest_;
+  TrainingData data_;
   FeatureRecipe recipe_;
 };
-
-/// Returns the manifest of the run whose checkpoint this is: checkpoints are in a folder beside it.
-std::string manifest_of(const PictureExportOptions& options) {
-  namespace fs = std::filesystem;
-  if (!options.manifest.empty()) return options.manifest;
-  std::string path = fs::absolute(options.agent.checkpoint).parent_path().parent_path() / "manifest.json";
-  if (!fs::exists(path))
-    throw Error("is not there", path, "it says which encoder the agent learned with; name it with --manifest");
-  return path;
-}
 
 Reduction find_reduction(const PictureExportOptions& options, const TrainedOn& trained, const Encoder::Spec& encoder,
                          int features) {
@@ -86,7 +72,7 @@ Reduction find_reduction(const PictureExportOptions& options, const TrainedOn& t
     if (wanted->dimension == 0 && wanted->centring == Centring::kNone)
       return Reduction::learn(Eigen::MatrixXf::Zero(encoder.dimension, 1), *wanted);
     const std::string reference = options.reference.empty() ? trained.first() : options.reference;
-    path = reduction_path(options.store, encoder.name, trained.hash(reference), *wanted);
+    path = reduction_path(options.store, encoder.name, trained.reference(reference), *wanted);
     if (options.store.empty() || !std::filesystem::exists(path))
       throw Error("has no reduction (" + recipe + ") learned on '" + reference + "'",
                   options.store.empty() ? "no --store" : "store " + options.store,
@@ -148,9 +134,9 @@ void export_picture_agent(const PictureExportOptions& options) {
   if (std::filesystem::path(options.agent.output).extension() != ".onnx")
     throw Error("'" + options.agent.output + "' is not a file FILE.onnx", "--output");
   const ExportedAgent exported = read_exported_agent(options.agent);
-  const TrainedOn trained(manifest_of(options));
+  const TrainedOn trained(options, exported.agent.data);
   PictureEncoding encoding;
-  encoding.encoder = options.encoder.empty() ? trained.encoder() : options.encoder;
+  encoding.encoder = options.encoder.empty() ? trained.recipe().encoder_option() : options.encoder;
   const auto& entry = EncoderRegistry::instance().find("encoder", encoding.encoder);
   const auto given = options.parameters.find(entry.name);
   encoding.parameters = Parameters("encoder " + entry.name, entry.parameters,

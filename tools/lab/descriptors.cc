@@ -20,12 +20,11 @@ cv::Mat read_picture(const Traversal& traversal, int frame) {
 }
 
 void fit_encoder(Encoder& encoder, const Traversal& reference) {
-  const int count = std::min(encoder.training_sample_count(), reference.frames);
-  if (count <= 0) return;
-  Progress progress("learning from " + reference.name, count);
+  const std::vector<int> frames = training_frames(encoder.training_sample_count(), reference.frames);
+  if (frames.empty()) return;
+  Progress progress("learning from " + reference.name, static_cast<int>(frames.size()));
   std::vector<cv::Mat> pictures;
-  for (int i = 0; i < count; ++i) {
-    const auto frame = static_cast<int>(static_cast<long>(i) * reference.frames / count);
+  for (const int frame : frames) {
     pictures.push_back(read_picture(reference, frame));
     progress.done(1);
   }

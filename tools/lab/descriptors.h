@@ -22,7 +22,7 @@ struct Descriptors {
   int encoded = 0;  ///< frames; the others came from the store
 };
 
-/// Lets an encoder that learns do so from the reference's pictures. Throws Error, Stopped.
+/// Lets an encoder that learns do so from the pictures that an encoder_service takes. Throws Error, Stopped.
 void fit_encoder(Encoder& encoder, const Traversal& reference);
 
 /// Encodes a traversal of pictures in order. With a `store` folder, features stored there are read and new ones

@@ -61,7 +61,7 @@ TEST_F(Misfits, EachThatJoinsATrainingIsNamedOnceAndLeftAside) {
   const auto sibling = env("short-winter", "winter", 50);
   expect_alarm("policy", "short-winter", "has 50 frames, the route needs frames 0..63");
   const auto wide_sibling = env("wide-fall", "fall", 160, {"--synthetic-dimension", "128"});
-  expect_alarm("policy", "wide-fall", "has 128 features a frame, the agent needs 64");
+  expect_alarm("policy", "wide-fall", "has 128 features a frame, the training has 64");
   expect_training_goes_on();
   ASSERT_EQ(run->wait(kLongWait), 0) << run->output();
   for (const std::string id : {"wide", "short", "another", "short-winter", "wide-fall"})
@@ -206,7 +206,7 @@ TEST_F(Misfits, AnActorServesNoEnvServiceThatItsLearnerDoesNotKnow) {
       stranger.publish(order);
       again = Clock::now() + milliseconds(500);
     }
-    return contains(witness_.alarm("actor"), "has 64 features a frame, what the run learns from has 4096");
+    return contains(witness_.alarm("actor"), "has 64 features a frame, the training has 4096");
   };
   EXPECT_TRUE(witness_.until(announced, kLongWait)) << witness_.alarm("actor") << "\n" << actor->output();
   EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130) << actor->output();

@@ -5,8 +5,10 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 
+#include "policy_service/network/checkpoint.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/episodes_csv.h"
 #include "tests/support/records/recorder.h"
@@ -280,6 +282,43 @@ TEST(Evaluation, IsTheSameByAnyEnvServices) {
   EXPECT_EQ(scores("together"), scores("alone"));
   const int half = kTasks / 2;
   for (const auto& [id, done] : tasks("together")) EXPECT_NEAR(done, half, 16) << id;
+}
+
+/// By other frames, another encoder or another reduction an agent would only seem to have learned badly.
+TEST(Checkpoint, KnowsItsDataAndRefusesOthers) {
+  Trial run("simulated");
+  std::string path;
+  {
+    const auto summer = run.env("summer");
+    const auto trained = run.train(4, "out", {"--source", "data=/drives", "--source", "synthetic-images=0"});
+    ASSERT_EQ(trained->wait(kLongWait), 0) << trained->output();
+    path = run.folder() / ("out/checkpoints/" + run.checkpoint("out").first);
+  }
+  const auto evaluate = [&](const std::string& traversal, const std::string& file, const Arguments& more = {}) {
+    return run.policy(Arguments{"--mode", "evaluate", "--checkpoint", file, "--tasks", "16", "--evaluate", traversal} +
+                      more);
+  };
+  {
+    const auto other = run.env("summer", {"--frames", "0:140", "--id", "short"});
+    const auto refused = evaluate("summer", path);
+    EXPECT_EQ(refused->wait(kLongWait), 1) << refused->output();
+    const std::regex line("policy_service: env_service 'short' on 'summer', for " + path +
+                          ": has other contents \\(140 frames, hash [0-9a-f]{16}\\) than the training \\(160 frames, "
+                          "hash [0-9a-f]{16}\\) \\(take the data and the encoder of the training: --data /drives "
+                          "--synthetic-images 0\\)\n");
+    EXPECT_TRUE(std::regex_search(refused->output(), line)) << refused->output();
+    // Checkpoints of earlier versions say nothing.
+    Checkpoint old = read_checkpoint(path);
+    ASSERT_EQ(old.header.erase("data"), 1u);
+    write_checkpoint(run.folder() / "old.clk", old);
+    const auto unchecked = evaluate("summer", run.folder() / "old.clk");
+    EXPECT_EQ(unchecked->wait(kLongWait), 0) << unchecked->output();
+    EXPECT_EQ(occurrences(unchecked->output(), "does not say what its agent learned from"), 1) << unchecked->output();
+  }
+  const auto winter = run.env("winter", {"--frames", "0:140"});
+  const auto elsewhere = evaluate("winter", path, {"--controls", "sequence_filter"});
+  EXPECT_EQ(elsewhere->wait(kLongWait), 0) << elsewhere->output();
+  EXPECT_TRUE(contains(elsewhere->output(), "sequence_filter")) << "it remembers what the agent does";
 }
 
 TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {

@@ -78,6 +78,16 @@ TEST(Verdict, SaysWhatAFailureHasToDoWithTheFrames) {
   EXPECT_TRUE(contains(text, "The frames suffice")) << text;
 }
 
+// Whoever trains longer on the wrong data gains nothing.
+TEST(Verdict, BlamesNoAgentOfUnknownData) {
+  const std::vector<ScoreRow> rows =
+      rows_of({{"features", {{"night", 0.9}}}, {"blind", {{"night", 0.4}}}, {"sequence_filter", {{"night", 0.97}}}});
+  EXPECT_TRUE(contains(verdict("features", rows), "Train longer"));
+  const std::string text = std::regex_replace(verdict("features", rows, {{}, {}, true}), std::regex("\n +|\n"), " ");
+  EXPECT_FALSE(contains(text, "Train longer")) << text;
+  EXPECT_TRUE(contains(text, "does not say what the agent learned from")) << text;
+}
+
 TEST(Verdict, SaysOnceWhatHoldsForSeveralTraversals) {
   const std::string text =
       verdict("features", rows_of({{"features", {{"fall", 1}, {"night", 0.5}, {"rain", 0.6}}},
