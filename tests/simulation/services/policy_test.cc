@@ -318,7 +318,7 @@ TEST(Checkpoint, KnowsItsDataAndRefusesOthers) {
   const auto winter = run.env("winter", {"--frames", "0:140"});
   const auto elsewhere = evaluate("winter", path, {"--controls", "sequence_filter"});
   EXPECT_EQ(elsewhere->wait(kLongWait), 0) << elsewhere->output();
-  EXPECT_TRUE(contains(elsewhere->output(), "sequence_filter")) << "it remembers what the agent does";
+  EXPECT_TRUE(contains(elsewhere->output(), "place  sequence")) << "it remembers what the agent does";
 }
 
 TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
