@@ -53,7 +53,7 @@ class Installation(CommandLine):
     def test_a_demo_trains_here_and_is_repeated(self):
         said = self.run_command("citylearn", "demo", "--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4",
                                 "--output", "first run", "--no-wait", "--no-dashboard")
-        self.assertIn("citylearn dashboard", said)
+        self.assertIn("Next:\n  citylearn again first\\ run --agent features\n", said)
         self.assertNotIn("./run", said)
         self.assertIn("summer", json.loads((self.folder / "first run/summary.json").read_text())["evaluate"])
         manifest = json.loads((self.folder / "first run/manifest.json").read_text())
