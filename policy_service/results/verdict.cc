@@ -180,6 +180,7 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
   if (table.size() < 2) return "";
   std::map<std::tuple<bool, Fault, Cause>, Group> groups;
   bool looks = true;
+  std::vector<double> gains;  // of learning, where the agent finds its way
   for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
     const auto own = find(table, agent, traversal), shuffled = find(table, "shuffled", traversal);
     if (!own) continue;
@@ -194,6 +195,7 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
     const Pairing pairing = pairs == options.pairings.end() ? Pairing() : pairs->second;
     Cause cause = fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, pairing);
     if (cause == Cause::kAgent && options.unchecked) cause = Cause::kUnchecked;
+    if (fault == Fault::kNone && filter && !trained && agent != "sequence_filter") gains.push_back(*own - *filter);
     Group& group = groups[{trained, fault, cause}];
     group.traversals.push_back(traversal);
     group.own.push_back(*own);
@@ -208,6 +210,16 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
     const auto [trained, fault, cause] = kind;
     text += wrapped(sentence(agent, fault, group, trained)) + "\n";
     if (const std::string what = advice(cause, group); !what.empty()) text += "  " + wrapped(what, 2) + "\n";
+  }
+  if (!gains.empty()) {
+    const double most = *std::max_element(gains.begin(), gains.end());
+    text += wrapped(most < kSplTolerance
+                        ? fmt::format("sequence_filter, which has learned nothing, does as well where {} finds its "
+                                      "way. Learning pays where actions slip "
+                                      "(docs/how-to/try-an-imperfect-world.md).",
+                                      agent)
+                        : fmt::format("Learning gained up to {:.3f} SPL over sequence_filter.", most)) +
+            "\n";
   }
   if (!looks) text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";
   return text;

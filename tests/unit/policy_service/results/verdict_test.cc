@@ -51,7 +51,22 @@ TEST(Verdict, NamesWhereTheAgentFindsItsWay) {
   const std::string text = verdict("place_filter", rows_of({{"place_filter", {{"fall", 1}, {"rain", 0.97}}},
                                                             {"blind", {{"fall", 0.85}, {"rain", 0.85}}},
                                                             {"sequence_filter", {{"fall", 1}, {"rain", 0.975}}}}));
-  EXPECT_EQ(text, "place_filter finds its way in fall, rain (SPL 0.970 to 1.000).\n");
+  EXPECT_EQ(text,
+            "place_filter finds its way in fall, rain (SPL 0.970 to 1.000).\n"
+            "sequence_filter, which has learned nothing, does as well where place_filter\n"
+            "finds its way. Learning pays where actions slip\n"
+            "(docs/how-to/try-an-imperfect-world.md).\n");
+}
+
+// Of .95 and .92 against .925 and .8 learning gained .025 and .12; what it trained on does not count.
+TEST(Verdict, SaysWhatLearningGained) {
+  EXPECT_EQ(verdict("place_filter",
+                    rows_of({{"place_filter", {{"fall", 0.95}, {"rain", 0.92}, {"summer", 1}}},
+                             {"sequence_filter", {{"fall", 0.925}, {"rain", 0.8}, {"summer", 0.5}}}}),
+                    {{"summer"}, {}}),
+            "place_filter finds its way in fall, rain (SPL 0.920 to 0.950).\n"
+            "place_filter finds its way in summer, where it trained (SPL 1.000).\n"
+            "Learning gained up to 0.120 SPL over sequence_filter.\n");
 }
 
 TEST(Verdict, SaysWhatAFailureHasToDoWithTheFrames) {
@@ -97,7 +112,10 @@ TEST(Verdict, SaysOnceWhatHoldsForSeveralTraversals) {
             "features is worse than sequence_filter, which has learned nothing, in night,\n"
             "rain (SPL 0.500 to 0.600, filter 0.950 to 1.000).\n"
             "  The frames suffice: sequence_filter reaches 0.950 to 1.000. Train longer\n"
-            "  (--steps) or try another agent.\n");
+            "  (--steps) or try another agent.\n"
+            "sequence_filter, which has learned nothing, does as well where features finds\n"
+            "its way. Learning pays where actions slip\n"
+            "(docs/how-to/try-an-imperfect-world.md).\n");
 }
 
 TEST(Verdict, TellsAnAgentThatDoesNotLook) {
