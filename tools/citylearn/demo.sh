@@ -88,25 +88,6 @@ stop() {
   end dashboard
 }
 
-# Opens a run of its own, by default below RUNS: makes its folder `output`, sets `domain` ($1, or one of its own) and `wire`,
-# the options by which its services meet over `middleware`, and ends them when this script ends. Several runs on one machine
-# don't meet.
-open_run() {
-  output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
-  local problem; problem=$(mkdir -p "$output/logs" 2>&1) || fail "--output: $problem"
-  local session; session=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
-  domain=${CITYLEARN_DOMAIN:-${1:-$((1 + $$ % 100))}}
-  wire=(--session "$session" --domain "$domain" --middleware "$middleware")
-  mkdir -p "$RUNS"
-  printf '%s %s %s\n' "$domain" "$middleware" "$session" >"$RUNS/.demo-$$"
-  trap stop EXIT
-  trap 'exit 130' INT
-  trap 'exit 143' TERM
-}
-
-# Says by what tools find this run.
-say_where() { say "$NAME: domain $domain, session ${wire[1]}; $COMMAND doctor and $COMMAND record find it"; }
-
 # Prints the address, domain and id of the `dashboard` that is open here, hears demos and records into the store $1; false
 # where there is none.
 open_dashboard() {
@@ -123,6 +104,44 @@ start_dashboard() {
     kill -0 "${running[dashboard]}" 2>/dev/null || { unset 'running[dashboard]'; return 1; }
     sleep 0.05
   done
+}
+
+# Opens a run of its own, by default below RUNS: makes its folder `output`, sets `domain` and `wire`, the options by which its
+# services meet over `middleware`, and ends them when this script ends. Several runs on one machine don't meet. Where `dashboard`
+# is yes, sets `store`, where the run is recorded, and `recorders`, options of its env_services.
+open_run() {
+  local page='' shared='' recorder='' session problem
+  recorders=() store=''
+  [ $dashboard = no ] || store=$RUNS/dashboard.sqlite
+  # An open dashboard hears one domain; it shows and records this run too, unless another domain or port is asked for.
+  [ -z "$store" ] || [ "${port:-0}" != 0 ] || read -r page shared recorder < <(open_dashboard "$store") || true
+  [ "${CITYLEARN_DOMAIN:-$shared}" = "$shared" ] || page='' shared=''
+  output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
+  problem=$(mkdir -p "$output/logs" 2>&1) || fail "--output: $problem"
+  session=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
+  domain=${CITYLEARN_DOMAIN:-${shared:-$((1 + $$ % 100))}}
+  wire=(--session "$session" --domain "$domain" --middleware "$middleware")
+  mkdir -p "$RUNS"
+  printf '%s %s %s\n' "$domain" "$middleware" "$session" >"$RUNS/.demo-$$"
+  trap stop EXIT
+  trap 'exit 130' INT
+  trap 'exit 143' TERM
+  problem=''
+  if [ -n "$page" ]; then
+    printf 'dashboard: %s\n' "$page"
+    recorders=(--recorders "$recorder")
+  elif [ -n "$store" ]; then
+    # All demos share a store, so that their runs can be compared; while another one has it, this one has its own.
+    start_dashboard "$store" "${wire[@]}" --port "${port:-0}" ||
+      { store=$output/dashboard.sqlite
+        problem="another dashboard records into $RUNS/dashboard.sqlite: this run is kept in $store"
+        start_dashboard "$store" "${wire[@]}" --port "${port:-0}"; } ||
+      { tail -n 1 "$output/logs/dashboard.log" >&2; fail "the dashboard did not start; --no-dashboard goes without it"; }
+    cat "$output/logs/dashboard.address"
+    recorders=(--recorders dashboard)
+  fi
+  say "$NAME: domain $domain, session $session; $COMMAND doctor and $COMMAND record find it"
+  [ -z "$problem" ] || say "$NAME: $problem"
 }
 
 # Waits until the program called $1 has ended, and returns its status. Another one that ends before has said why in its log, and
@@ -350,28 +369,9 @@ demo() {
     "$encoder" "${encoding[@]}" --list >/dev/null || exit 1
   fi
   [[ " ${pass[*]}" == *' --controls'* ]] || pass+=(--controls all)
-  local domain wire traversal note page='' shared='' recorder='' store=''
-  [ $dashboard = no ] || store=$RUNS/dashboard.sqlite
-  # An open dashboard hears one domain; it shows and records this run too, unless another domain or port is asked for.
-  [ -z "$store" ] || [ "$port" != 0 ] || read -r page shared recorder < <(open_dashboard "$store") || true
-  [ "${CITYLEARN_DOMAIN:-$shared}" = "$shared" ] || page='' shared=''
-  open_run "$shared"
+  local domain wire store recorders traversal note
+  open_run
   repeatable "${asked[@]}" >"$output/demo.words"
-  local recorders=()
-  if [ -n "$page" ]; then
-    printf 'dashboard: %s\n' "$page"
-    recorders=(--recorders "$recorder")
-  elif [ -n "$store" ]; then
-    # All demos share a store, so that their runs can be compared; while another one has it, this one has its own.
-    start_dashboard "$store" "${wire[@]}" --port "$port" ||
-      { store=$output/dashboard.sqlite
-        notes+=("another dashboard records into $RUNS/dashboard.sqlite: this run is kept in $store")
-        start_dashboard "$store" "${wire[@]}" --port "$port"; } ||
-      { tail -n 1 "$output/logs/dashboard.log" >&2; fail "the dashboard did not start; --no-dashboard goes without it"; }
-    cat "$output/logs/dashboard.address"
-    recorders=(--recorders dashboard)
-  fi
-  say_where
   for note in "${notes[@]}"; do say "$NAME: $note"; done
   while IFS= read -r traversal; do
     local align=() hosted=$agents

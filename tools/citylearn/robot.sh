@@ -62,6 +62,7 @@ robot() {
   [ "$middleware" != fastdds ] || ros=cyclonedds
   local services=(env encoder policy teach simulated-robot)
   [ $dashboard = no ] || services+=(dashboard)
+  say "$NAME: teaches a simulated robot a route, trains an agent and lets it drive, in 1 to 3 minutes with the default options"
   prepare "${services[@]}"
   local look
   while IFS= read -r look; do
@@ -70,20 +71,14 @@ robot() {
 
   "$(program env)" --speed "$speed" --help >/dev/null || exit 1
 
-  local domain wire
+  local domain wire store recorders
   open_run
   local nodes=(--ros-domain "${ROS_DOMAIN_ID:-$((1 + (domain + 100) % 200))}" --ros-interface lo --ros-middleware "$ros")
-  if [ $dashboard = yes ]; then
-    start_dashboard "$output/dashboard.sqlite" "${wire[@]}" ||
-      { tail -n 1 "$output/logs/dashboard.log" >&2; fail "the dashboard did not start; --no-dashboard goes without it"; }
-    cat "$output/logs/dashboard.address"
-  fi
-  say_where
 
   say "$NAME: teaches: a robot is driven along $((places * 4)) m in summer, and what its camera sees becomes $output/route"
   start teach "$(program teach)" --output "$output/route" --traversal summer --spacing 4 \
     --camera /summer/camera/image_raw/compressed --position /summer/pose --position-type pose "${nodes[@]}"
-  until grep -q 'listens to' "$output/logs/teach.log"; do
+  until grep -qs 'listens to' "$output/logs/teach.log"; do
     kill -0 "${running[teach]}" 2>/dev/null || succeed teach
     sleep 0.05
   done
@@ -93,7 +88,7 @@ robot() {
   end teach
 
   say "$NAME: trains on the recording"
-  start env-summer "$(program env)" "${wire[@]}" --data "$output/route" --traversal summer --agents 16
+  start env-summer "$(program env)" "${wire[@]}" "${recorders[@]}" --data "$output/route" --traversal summer --agents 16
   start encoder "$(program encoder)" "${wire[@]}" --reference summer
   "$(program policy)" "${wire[@]}" --mode train --train summer --evaluate summer --tasks 200 --wait 60 --id trainer \
     --place_filter-slip 0.2 --output "$output/train" &
@@ -106,7 +101,7 @@ robot() {
     evaluate+=${evaluate:+,}robot-$look
     start "robot-$look" "$(program simulated-robot)" --look "$look" --metres $((places * 4)) --slip "$slip" "${nodes[@]}" \
       --camera "/$look/camera/image_raw/compressed" --pose "/$look/pose" --odometry "/$look/odom" --cmd-vel "/$look/cmd_vel"
-    start "env-robot-$look" "$(program env)" "${wire[@]}" --dataset live --data "$output/route" --traversal summer \
+    start "env-robot-$look" "$(program env)" "${wire[@]}" "${recorders[@]}" --dataset live --data "$output/route" --traversal summer \
       --as "robot-$look" --camera "/$look/camera/image_raw/compressed" --position "/$look/pose" --position-type pose \
       --cmd-vel "/$look/cmd_vel" --command "/$look/command" --speed "$speed" --settle 0.05 "${nodes[@]}"
   done < <(tr ',' '\n' <<<"$looks")
