@@ -114,23 +114,23 @@ Keywords with_training(const Keywords& given, const TrainingData& learned) {
   return all;
 }
 
-/// Returns the name in its dataset of a recording that services announce as `name`.
-std::string name_in(Dataset& dataset, const std::string& name) {
+/// Returns the name in its dataset of a recording that services announce as `name`, if there is one.
+std::optional<std::string> find_name(Dataset& dataset, const std::string& name) {
   const std::vector<std::string> names = dataset.names();
   if (std::find(names.begin(), names.end(), name) != names.end()) return name;
   const auto found = std::find_if(names.begin(), names.end(), [&](const auto& one) { return name_from(one) == name; });
-  return found == names.end() ? name : *found;
+  return found == names.end() ? std::nullopt : std::optional(*found);
 }
+std::string name_in(Dataset& dataset, const std::string& name) { return find_name(dataset, name).value_or(name); }
 
 /// Selects the first frames, if it is these that the agent learned from.
 void select_as_taught(Dataset& dataset, Selection& selection, const TraversalContents& taught) {
-  const std::vector<std::string> names = dataset.names();
-  const std::string name = name_in(dataset, taught.traversal);
-  if (taught.frames < 2 || std::find(names.begin(), names.end(), name) == names.end()) return;
+  const auto name = find_name(dataset, taught.traversal);
+  if (!name || taught.frames < 2) return;
   Selection first = selection;
   first.align.clear();
   first.end = static_cast<int>(taught.frames);
-  if (dataset.load(name).frames > first.end && select(dataset, name, first).hash() == taught.hash)
+  if (dataset.load(*name).frames > first.end && select(dataset, *name, first).hash() == taught.hash)
     selection.end = first.end;
 }
 
@@ -156,7 +156,7 @@ Traversal taught_reference(const RecordingOptions& options, const TrainingData& 
       why = error.what();
     }
   throw Error(fmt::format("is not here, {:016x}: {}", hash, why), "the recording that the encoder learned from",
-              learned.remedy());
+              learned.remedy(options.reduction.reference));
 }
 
 /// Turns pictures into features as an encoder_service with these options does, or did in the training. Returns what it
@@ -204,6 +204,9 @@ std::string encode(Traversal& pictures, Dataset& dataset, RecordingOptions& opti
 Recording load_recording(const Keywords& keywords, const TrainingData& learned) {
   RecordingOptions options = read_recording_options(with_training(keywords, learned));
   const std::unique_ptr<Dataset> dataset = open_dataset(options.source);
+  // Other recordings may lack the one that those of the training were aligned to.
+  if (std::string& sibling = options.source.selection.align; !keywords.contains("align_to") && !sibling.empty())
+    sibling = find_name(*dataset, sibling).value_or("");
   if (learned.known() && !options.selection_given)
     select_as_taught(*dataset, options.source.selection, learned.traversals.front());
   const std::string name = name_in(*dataset, chosen_traversal(*dataset, options.source));
@@ -223,7 +226,7 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
   if (traversal.images) contents.encoder = encode(traversal, *dataset, options, learned);
   contents.feature_dimension = static_cast<std::uint32_t>(traversal.dimension);
   if (const std::string wrong = learned.misfit(contents); !wrong.empty())
-    throw Error(wrong, "traversal '" + traversal.name + "'", learned.remedy());
+    throw Error(wrong, "traversal '" + traversal.name + "'", learned.remedy(traversal.name));
   return recording;
 }
 

@@ -48,9 +48,12 @@ std::string TrainingData::misfit(const TraversalContents& contents) const {
                                   : contents_misfit(contents, *same, whose);
 }
 
-std::string TrainingData::remedy() const {
+std::string TrainingData::remedy(const std::string& traversal) const {
+  const auto sibling = source.find("align-to");
+  const bool aligned = sibling != source.end() && sibling->second != traversal;
   std::string options;
-  for (const auto& [name, value] : source) options += " --" + name + " " + value;
+  for (const auto& [name, value] : source)
+    if (aligned || !name.starts_with("align-")) options += " --" + name + " " + value;
   return "take the data and the encoder of the training" + (options.empty() ? "" : ":" + options);
 }
 

@@ -39,8 +39,8 @@ struct TrainingData {
   /// Returns how contents do not fit an agent that learned from this; empty when they do, or nothing is known. A
   /// traversal learned from must be the same, others must have features of the same kind.
   std::string misfit(const TraversalContents& contents) const;
-  /// Returns what to do about a misfit.
-  std::string remedy() const;
+  /// Returns what to do about a misfit of an env_service on `traversal`.
+  std::string remedy(const std::string& traversal) const;
 
   /// Returns JSON; parse() reads it, or a manifest, and throws Error naming `where`. Empty text: nothing is known.
   std::string text() const;

@@ -89,7 +89,7 @@ void RunContext::require_checkpoints_data(const std::string& traversal) const {
     if (env->traversal() == traversal && env->alive())
       if (const std::string wrong = learned_.misfit(contents_of(env->info)); !wrong.empty())
         throw Error(wrong, "env_service '" + id + "' on '" + traversal + "', for " + options.checkpoint,
-                    learned_.remedy());
+                    learned_.remedy(traversal));
 }
 
 void RunContext::wait_for_envs(const std::set<std::string>& traversals, int training_envs) {

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Policies and their figures: those of policy_service's own evaluation."""
 
-import hashlib
 import json
 import re
-import struct
 import subprocess
 import tempfile
 import unittest
 from pathlib import Path
 
-from support import BUILD, DRAWN
+from support import BUILD, DRAWN, with_header
 from domain import own_domain
 
 import numpy as np
@@ -87,15 +85,7 @@ class Evaluation(unittest.TestCase):
                     citylearn.evaluate(own, tasks=TASKS, **more)
 
     def test_a_checkpoint_of_an_earlier_version_says_nothing_of_its_data(self):
-        file = self.checkpoint.read_bytes()
-        length, = struct.unpack("<Q", file[12:20])
-        header = json.loads(file[20:20 + length])
-        del header["data"]
-        text = json.dumps(header).encode()
-        body = file[:12] + struct.pack("<Q", len(text)) + text + file[20 + length:-32]
-        old = self.checkpoint.with_name("old.clk")
-        old.write_bytes(body + hashlib.sha256(body).digest())
-        policy = citylearn.load_policy(old)
+        policy = citylearn.load_policy(with_header(self.checkpoint, lambda header: header.pop("data"), "old.clk"))
         with self.assertRaisesRegex(ValueError, "does not say what it learned from; give data="):
             citylearn.evaluate(policy, tasks=TASKS)
         with self.assertWarnsRegex(UserWarning, "does not say what it learned from"):

@@ -2,8 +2,11 @@
 """What the tests of the package share. Each is called with the folders of the sources and the build."""
 
 import ctypes
+import hashlib
+import json
 import os
 import signal
+import struct
 import sys
 import threading
 import unittest
@@ -57,6 +60,19 @@ class ClearErrors(unittest.TestCase):
             turns += 1
         self.assertRegex(caught[0], pattern)
         self.assertGreater(turns, 20)
+
+
+def with_header(checkpoint, change, name):
+    """Writes a checkpoint beside another one, with the header changed. Returns its path."""
+    file = checkpoint.read_bytes()
+    length, = struct.unpack("<Q", file[12:20])
+    header = json.loads(file[20:20 + length])
+    change(header)
+    text = json.dumps(header).encode()
+    body = file[:12] + struct.pack("<Q", len(text)) + text + file[20 + length:-32]
+    path = checkpoint.with_name(name)
+    path.write_bytes(body + hashlib.sha256(body).digest())
+    return path
 
 
 def need_peers(*names):

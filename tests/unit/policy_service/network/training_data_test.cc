@@ -49,7 +49,7 @@ TEST(TrainingData, NamesWhatDoesNotFit) {
   EXPECT_EQ(kData.misfit(other), "");
   other.feature_dimension = 8;
   EXPECT_EQ(kData.misfit(other), "has 8 features a frame, the training has 64");
-  EXPECT_EQ(kData.remedy(),
+  EXPECT_EQ(kData.remedy("summer"),
             "take the data and the encoder of the training: --data /home/me/my drives --frames 0:128");
 }
 
