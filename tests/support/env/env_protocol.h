@@ -76,7 +76,7 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
     return policy;
   }
   /// Commands training on so many frames; false when it does not come beyond `steps`.
-  bool trains(std::uint32_t frames, int steps) {
+  bool trains(std::uint32_t frames, std::uint64_t steps) {
     policy_->command(settings(msg::TRAIN, frames, 64));
     return policy_->until([&] { return policy_->steps() > steps; });
   }
