@@ -144,15 +144,15 @@ inline void expect_resumable(const Cities& city, const TrainerOptions& options, 
   const std::string middle = folder / "middle", straight = folder / "straight", resumed = folder / "resumed";
   Loop loop(city, options, 2), again(city, options, 2);
   for (int i = 0; i < before; ++i) loop.update();
-  write_checkpoint(middle, loop.trainer.checkpoint("{\"note\": 1}"));
+  write_checkpoint(middle, loop.trainer.checkpoint());
   again.trainer.load(read_checkpoint(middle));
   EXPECT_EQ(again.trainer.progress().updates, static_cast<std::uint64_t>(before));
   for (int i = 0; i < after; ++i) {
     loop.update();
     again.update();
   }
-  write_checkpoint(straight, loop.trainer.checkpoint("{\"note\": 1}"));
-  write_checkpoint(resumed, again.trainer.checkpoint("{\"note\": 1}"));
+  write_checkpoint(straight, loop.trainer.checkpoint());
+  write_checkpoint(resumed, again.trainer.checkpoint());
   EXPECT_EQ(testing::contents(straight), testing::contents(resumed));
   EXPECT_NE(testing::contents(straight), testing::contents(middle));
 }
