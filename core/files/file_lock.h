@@ -10,8 +10,8 @@ namespace citylearn {
 /// Keeps other processes off something as long as it lives. The kernel releases it however the process ends.
 class FileLock {
  public:
-  /// Locks the file `path`, and creates it where it is missing. Throws `held` when another process
-  /// has the lock, or Error naming the file when it cannot be locked.
+  /// Locks the file `path`, and creates it where it is missing. Throws `held` when another process has the lock, or
+  /// Error naming the file when it cannot be locked.
   FileLock(const std::string& path, const Error& held);
   ~FileLock();
   FileLock(const FileLock&) = delete;

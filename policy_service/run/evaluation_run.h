@@ -35,7 +35,7 @@ class EvaluationRun {
   /// Evaluates the agent, or the control in its place where there is none, and the controls.
   void evaluate_all();
   const std::vector<ScoreRow>& rows() const { return rows_; }
-  /// Returns by how many places each traversal's pairs with the one trained on are wrong, if oracle_filter was asked.
+  /// Returns what each traversal shows of its pairs with the one trained on, if oracle_filter was asked.
   const std::map<std::string, Pairing>& pairings() const { return pairings_; }
 
  private:
