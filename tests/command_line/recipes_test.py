@@ -39,6 +39,7 @@ ELSEWHERE = {
     "env_service --id env-summer": "tests/system/network/security_test.cc",
     "encoder_service --id encoder --interface eth0 --peers hostB --security": "tests/system/network/security_test.cc",
     "policy_service --id policy --train summer --interface eth0": "tests/system/network/security_test.cc",
+    "policy_service --mode evaluate --checkpoint runs/TIME": "tests/python/same_figures_test.py",
     "policy_service --initial": "tests/unit/policy_service/run/policy_test.cc",
     "policy_service --train summer --frames 0:128 --output out/rank": "tests/slurm",
     "policy_service --train summer,fall --evaluate winter ...": "the demo before it",
