@@ -375,7 +375,7 @@ TEST_F(EnvClientTest, OfTwoContentsTheSecondIsRefusedUntilTheFirstIsGone) {
   const EnvServiceThread second(options, other);
   EnvHandle* refused = player.env("second");
   ASSERT_TRUE(refused);
-  EXPECT_TRUE(contains(refused->refusal, "has other contents (hash")) << refused->refusal;
+  EXPECT_TRUE(contains(refused->refusal, "has other contents (20 frames, hash ")) << refused->refusal;
   EXPECT_TRUE(contains(refused->refusal, "than env_service 'env-road'")) << refused->refusal;
   first.reset();
   EXPECT_TRUE(player.until([&] { return refused->usable(); }));
