@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the wheel for pip (PEP 517), from a build of its own or from the finished one that $CITYLEARN_BUILD names."""
+"""Makes the wheel for pip (PEP 517), from a build of its own or from the finished one that $CITYLEARN_BUILD names. Where
+that build has Debian packages (`./run package`), the wheel has their programs too, and the command citylearn."""
 
 import base64
 import hashlib
@@ -8,6 +9,7 @@ import re
 import subprocess
 import sys
 import sysconfig
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -45,24 +47,53 @@ def built_package():
     return package
 
 
+def programs(build, info):
+    """Returns the files of the wheel that come from a build's Debian packages, and the packages that these depend on."""
+    files, needed = {}, set()
+    packages = [next(build.glob(f"packages/citylearn-{part}_*.deb"), None) for part in ("services", "dashboard")]
+    if None in packages:
+        return files, needed
+    for package in packages:
+        fields = subprocess.run(["dpkg-deb", "--field", package, "Depends"], check=True, capture_output=True, text=True)
+        for field in fields.stdout.split(","):
+            name = re.match(r"[^ |(:]*", field.strip())[0]
+            if not name.startswith(("citylearn-", "systemd")):  # those of the services of a host
+                needed.add(name)
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run(["dpkg-deb", "--extract", package, folder], check=True)
+            for part in ("bin", "share/citylearn"):
+                for path in Path(folder, "usr", part).rglob("*"):
+                    if path.is_file():
+                        files[f"citylearn/installed/{path.relative_to(Path(folder, 'usr'))}"] = path.read_bytes()
+    files[info.replace(".dist-info", ".data/scripts/citylearn")] = (HERE / "citylearn_command.py").read_bytes()
+    return files, needed
+
+
 def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     version = re.search(r"project\(citylearn VERSION (\S+)", (SOURCE / "CMakeLists.txt").read_text())[1]
     tag = "cp{0.major}{0.minor}-cp{0.major}{0.minor}-".format(sys.version_info)
     tag += re.sub(r"[-.]", "_", sysconfig.get_platform())
-    info = f"citylearn-{version}.dist-info"
-    files = {f"citylearn/{path.name}": path.read_bytes() for path in sorted(built_package().glob("*.*"))
-             if path.suffix in (".py", ".typed") or path.name == MODULE}
-    files[f"{info}/METADATA"] = (f"Metadata-Version: 2.1\nName: citylearn\nVersion: {version}\n"
-                                 "Summary: Visual navigation over recorded routes\nLicense: Apache-2.0\n"
-                                 "Requires-Python: >=3.10\nRequires-Dist: numpy\n").encode()
+    info = f"citylearn_dds-{version}.dist-info"
+    package = built_package()
+    files, needed = programs(package.parents[1], info)
+    files |= {f"citylearn/{path.name}": path.read_bytes() for path in sorted(package.glob("*.*"))
+              if path.suffix in (".py", ".typed") or path.name == MODULE}
+    files[f"{info}/METADATA"] = ("".join((
+        f"Metadata-Version: 2.1\nName: citylearn-dds\nVersion: {version}\n",
+        "Summary: Visual navigation over recorded routes\nLicense: Apache-2.0\n",
+        "Requires-Python: >=3.10\nRequires-Dist: numpy\n",
+        *(f"Requires-External: {name}\n" for name in sorted(needed))))).encode()
     files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: citylearn\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
     files[f"{info}/LICENSE"] = (SOURCE / "LICENSE").read_bytes()
     digest = {name: base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
               for name, data in files.items()}
     record = "".join(f"{name},sha256={digest[name]},{len(data)}\n" for name, data in files.items())
     files[f"{info}/RECORD"] = f"{record}{info}/RECORD,,\n".encode()
-    name = f"citylearn-{version}-{tag}.whl"
+    name = f"citylearn_dds-{version}-{tag}.whl"
     with zipfile.ZipFile(Path(wheel_directory, name), "w", zipfile.ZIP_DEFLATED) as wheel:
         for path, data in files.items():
-            wheel.writestr(path, data)
+            file = zipfile.ZipInfo(path)
+            file.compress_type = zipfile.ZIP_DEFLATED
+            file.external_attr = (0o100755 if "/bin/" in path or "/scripts/" in path else 0o100644) << 16
+            wheel.writestr(file, data)
     return name

@@ -54,6 +54,50 @@ class Wheel(unittest.TestCase):
                 self.assertEqual(done.stdout, f"{installed}/citylearn/__init__.py (2, 64)\n", done.stderr)
                 shutil.rmtree(installed)
 
+    def package(self, part, depends, files):
+        """Makes a Debian package citylearn-PART as `./run package` does, of `files`: texts of programs by path below /usr."""
+        folder = self.folder / part
+        for path, text in {"usr/" + path: text for path, text in files.items()}.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_text(text)
+            (folder / path).chmod(0o755)
+        (folder / "DEBIAN").mkdir()
+        (folder / "DEBIAN/control").write_text(f"Package: citylearn-{part}\nVersion: 1\nArchitecture: all\nMaintainer: nobody\n"
+                                               f"Description: none\nDepends: {depends}\n")
+        packages = self.folder / "build/packages"
+        packages.mkdir(parents=True, exist_ok=True)
+        subprocess.run(["dpkg-deb", "--build", folder, packages / f"citylearn-{part}_1_all.deb"], check=True,
+                       stdout=subprocess.DEVNULL)
+
+    def test_with_debian_packages_it_has_their_programs_and_the_command(self):
+        needed = "libc6 (>= 2.3), no-such-library2 (>= 1) | other"
+        self.package("services", needed, {"bin/citylearn": "#!/bin/sh\necho $0 $@\n", "share/citylearn/tools/a.sh": "",
+                                          "lib/systemd/system/a.service": ""})
+        self.package("dashboard", "citylearn-services (= 1), bash", {"share/citylearn/page/index.html": "<p>"})
+        (self.folder / "build/python").symlink_to(BUILD / "python")
+        done = self.install(self.folder / "build")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        installed = self.folder / "installed"
+        programs = installed / "citylearn/installed"
+        self.assertEqual(sorted(str(path.relative_to(programs)) for path in programs.rglob("*") if path.is_file()),
+                         ["bin/citylearn", "share/citylearn/page/index.html", "share/citylearn/tools/a.sh"])
+
+        def call(*path):
+            environment = {**os.environ, "PYTHONPATH": str(installed), "PATH": ":".join((*path, os.environ["PATH"]))}
+            return subprocess.run([installed / "bin/citylearn", "demo", "--seed", "2"], env=environment, capture_output=True,
+                                  text=True, check=False)
+
+        # What dpkg does not know is no matter while each program finds its libraries.
+        self.assertEqual(call().stdout, f"{programs}/bin/citylearn demo --seed 2\n")
+        ldd = self.folder / "tools/ldd"
+        ldd.parent.mkdir()
+        ldd.write_text("#!/bin/sh\necho 'libno.so.2 => not found'\n")
+        ldd.chmod(0o755)
+        done = call(str(ldd.parent))
+        self.assertEqual((done.returncode, done.stdout, done.stderr),
+                         (1, "", "citylearn: its programs need packages of the system: "
+                                 "apt-get install --no-install-recommends no-such-library2\n"))
+
     def test_a_build_that_is_none_installs_nothing(self):
         other, cut = self.half("_native.*"), self.half("_native.*")
         (other / "python/citylearn/_native.cpython-39-x86_64-linux-gnu.so").touch()
