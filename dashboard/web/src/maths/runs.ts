@@ -16,3 +16,11 @@ export function tagsOf(text: string): string[] {
 export function meanRate(run: Pick<Run, 'steps' | 'wall'>): number | null {
   return run.steps !== null && run.wall ? run.steps / run.wall : null;
 }
+
+/**
+ * Returns the newest run in a state, else the newest. Runs come newest first and are not empty. One of which only episodes are
+ * known (an env_service sent those of an earlier policy_service again) shows nothing that moves, and counts last.
+ */
+export function preferredRun(runs: readonly Run[], state: Run['state']): Run {
+  return runs.find((run) => run.state === state && run.policy !== null) ?? (runs[0] as Run);
+}

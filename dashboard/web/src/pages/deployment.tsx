@@ -27,7 +27,7 @@ const GOAL: ChoiceOf<'all' | 'reached' | 'missed'> = { name: 'goal', label: 'Goa
 export function Deployment(): JSX.Element {
   return (
     <WithRuns title="Deployment" empty="Evaluations of trained agents and all recorded episodes appear here.">
-      {(all) => <DeploymentOf run={chosenRun(all, (run) => run.state === 'ended')} all={all} />}
+      {(all) => <DeploymentOf run={chosenRun(all, 'ended')} all={all} />}
     </WithRuns>
   );
 }

@@ -30,7 +30,7 @@ const VIEW: ChoiceOf<'route' | 'whole'> = { name: 'view', label: 'Show', values:
 export function RoutePage(): JSX.Element {
   return (
     <WithRuns title="Route" empty="The route, its agents and what they see appear here as soon as a policy_service runs.">
-      {(all) => <RouteOf run={chosenRun(all, (run) => run.state === 'running')} all={all} />}
+      {(all) => <RouteOf run={chosenRun(all, 'running')} all={all} />}
     </WithRuns>
   );
 }

@@ -2,14 +2,14 @@
 import type { JSX } from 'preact';
 import type { Run } from '../api/types';
 import { dateTime } from '../maths/format';
-import { runName } from '../maths/runs';
+import { preferredRun, runName } from '../maths/runs';
 import { param, setParams, usePinned } from '../state/router';
 import { Select } from './basics';
 
-/** Returns the run that the address names, else the first that `prefer` accepts, else the newest. `runs` must not be empty. */
-export function chosenRun(runs: readonly Run[], prefer: (run: Run) => boolean): Run {
+/** Returns the run that the address names, else the one that preferredRun() does. */
+export function chosenRun(runs: readonly Run[], state: Run['state']): Run {
   const wanted = param('run', '');
-  return runs.find((run) => run.id === wanted) ?? runs.find(prefer) ?? (runs[0] as Run);
+  return runs.find((run) => run.id === wanted) ?? preferredRun(runs, state);
 }
 
 export function RunSelect({ runs, chosen }: { runs: readonly Run[]; chosen: Run }): JSX.Element {

@@ -3,7 +3,7 @@ import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
 import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
 import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
-import { meanRate, runName, tagsOf } from '../../src/maths/runs';
+import { meanRate, preferredRun, runName, tagsOf } from '../../src/maths/runs';
 import { artefactsOf, compareManifests } from '../../src/maths/manifest';
 import { routePart, sameTraversal, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
@@ -28,6 +28,14 @@ describe('groupRuns', () => {
       ['y · ppo', 1],
     ]);
   });
+});
+
+it('preferredRun: the newest in a state, one without a policy_service last', () => {
+  const stray = { ...run('a', 9, ''), policy: null, state: 'running' } as Run;
+  const [running, ended] = [{ ...run('b', 1, 'x'), state: 'running' }, { ...run('c', 2, 'x'), state: 'ended' }] as [Run, Run];
+  expect(preferredRun([stray, ended, running], 'running')).toBe(running);
+  expect(preferredRun([stray, running, ended], 'ended')).toBe(ended);
+  expect(preferredRun([stray, ended], 'running')).toBe(stray);
 });
 
 describe('seeds of one setting', () => {
