@@ -26,7 +26,7 @@ constexpr seconds kLongWait{600};
 class PaperReport : public ::testing::Test {
  protected:
   Arguments command(const Arguments& more, const std::string& output = "report") const {
-    return Arguments{CITYLEARN_PAPER, "--quick", "--effort", "0.02", "--seeds", "1", "--synthetic-frames", "160"} +
+    return Arguments{CITYLEARN_PAPER, "--quick", "--effort", "0.004", "--seeds", "1", "--synthetic-frames", "160"} +
            Arguments{"--store", folder_ / "store", "--output", folder_ / output} + more;
   }
   /// Runs it to its end: what it says.

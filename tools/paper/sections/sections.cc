@@ -11,7 +11,7 @@ namespace {
 /// Half of the recommendation: the curve is flat after a quarter of it.
 constexpr double kBaselineSteps = 100000;
 
-int share_of(int tasks, double effort) { return std::max(10, static_cast<int>(std::lround(tasks * effort))); }
+int share_of(int tasks, double effort) { return std::max(2, static_cast<int>(std::lround(tasks * effort))); }
 
 /// Returns the name of an agent in figures and tables.
 std::string label_of(const std::string& policy) {
