@@ -153,18 +153,15 @@ function Link(): JSX.Element {
   );
 }
 
-const NEXT: Record<Theme, Theme> = { auto: 'light', light: 'dark', dark: 'auto' };
+const THEMES: Record<Theme, { name: string; icon: IconName; next: Theme }> = {
+  auto: { name: 'as the system', icon: 'auto', next: 'light' },
+  light: { name: 'light', icon: 'sun', next: 'dark' },
+  dark: { name: 'dark', icon: 'moon', next: 'auto' },
+};
 
 function ThemeSwitch(): JSX.Element {
-  const names: Record<Theme, string> = { auto: 'as the system', light: 'light', dark: 'dark' };
-  const icons: Record<Theme, IconName> = { auto: 'auto', light: 'sun', dark: 'moon' };
-  return (
-    <IconButton
-      icon={icons[theme.value]}
-      label={`Colours: ${names[theme.value]}. Change to ${names[NEXT[theme.value]]}`}
-      onClick={() => (theme.value = NEXT[theme.value])}
-    />
-  );
+  const { name, icon, next } = THEMES[theme.value];
+  return <IconButton icon={icon} label={`Colours: ${name}. Change to ${THEMES[next].name}`} onClick={() => (theme.value = next)} />;
 }
 
 /** Shows how old the content is, and when the next attempt to connect is. */

@@ -53,10 +53,6 @@ export async function patchJson<T>(path: string, change: object): Promise<T> {
   return (await response.json()) as T;
 }
 
-export async function remove(path: string): Promise<void> {
-  await request(path, { method: 'DELETE' });
-}
-
 /** Returns whether the server answers within 5 s. */
 export async function alive(): Promise<boolean> {
   try {

@@ -4,7 +4,6 @@ import type { Scene, SceneAgent, SceneHeader } from './types';
 /** A parsed binary frame of the WebSocket. */
 export interface Frame {
   topic: string;
-  sequence: number;
   /** Number of messages that this client has lost so far. */
   dropped: number;
   header: Record<string, unknown>;
@@ -35,7 +34,6 @@ export function parseFrame(data: ArrayBuffer): Frame {
   const fields = header as Record<string, unknown>;
   return {
     topic: header.topic,
-    sequence: numberOf(fields.sequence),
     dropped: numberOf(fields.dropped),
     header: fields,
     payload: new Uint8Array(data, start),

@@ -3,10 +3,10 @@ import { signal } from '@preact/signals';
 import { alive, getJson, unauthorised } from './client';
 import { parseFrame, type Frame } from './frame';
 
-export type LinkState =
+type LinkState =
   | { kind: 'connecting' }
   | { kind: 'open' }
-  | { kind: 'waiting'; until: number; attempts: number }; // until: milliseconds since 1970
+  | { kind: 'waiting'; until: number }; // until: milliseconds since 1970
 
 type Handler = (frame: Frame) => void;
 
@@ -22,7 +22,7 @@ export function backOff(attempts: number, chance: number): number {
  * The page's WebSocket. Watches the subscribed topics, reconnects automatically, and notifies subscribers of each
  * reconnection, so that they fetch what they missed from the REST API.
  */
-export class Live {
+class Live {
   readonly state = signal<LinkState>({ kind: 'connecting' });
   /** When the connection was lost, milliseconds since 1970; null while connected. */
   readonly lostAt = signal<number | null>(null);
@@ -35,8 +35,6 @@ export class Live {
   private watching = '';
   private told = false;
   private heard = 0;
-
-  constructor(private readonly url: () => string) {}
 
   start(): void {
     this.connect();
@@ -71,7 +69,9 @@ export class Live {
 
   private connect(): void {
     this.state.value = { kind: 'connecting' };
-    const socket = new WebSocket(this.url());
+    const url = new URL('api/live', document.baseURI);
+    url.protocol = url.protocol === 'https:' ? 'wss:' : 'ws:';
+    const socket = new WebSocket(url);
     socket.binaryType = 'arraybuffer';
     this.socket = socket;
     socket.onopen = () => {
@@ -107,7 +107,7 @@ export class Live {
     this.lostAt.value ??= Date.now();
     this.attempts += 1;
     const wait = backOff(this.attempts, Math.random());
-    this.state.value = { kind: 'waiting', until: Date.now() + wait, attempts: this.attempts };
+    this.state.value = { kind: 'waiting', until: Date.now() + wait };
     this.timer = setTimeout(() => this.connect(), wait);
     // A refused upgrade looks like a dead server: check whether a token is missing.
     if (!unauthorised.value) getJson('api/about').catch(() => undefined);
@@ -138,8 +138,4 @@ export class Live {
   }
 }
 
-export const live = new Live(() => {
-  const url = new URL('api/live', document.baseURI);
-  url.protocol = url.protocol === 'https:' ? 'wss:' : 'ws:';
-  return url.href;
-});
+export const live = new Live();

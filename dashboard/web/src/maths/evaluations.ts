@@ -46,12 +46,7 @@ export function checkpoints(list: readonly Evaluation[]): Map<string, Evaluation
 
 /** Returns the newest checkpoint's evaluation on each traversal. */
 export function newest(list: readonly Evaluation[]): Map<string, Evaluation> {
-  const result = new Map<string, Evaluation>();
-  for (const [name, group] of checkpoints(list)) {
-    const last = group[group.length - 1];
-    if (last) result.set(name, last);
-  }
-  return result;
+  return new Map([...checkpoints(list)].map(([name, group]) => [name, group.at(-1) as Evaluation]));
 }
 
 /** Mean SPL by traversal and policy: of agents, on their own and on shuffled frames, and of controls. */

@@ -29,12 +29,12 @@ function trim(text: string): string {
 }
 
 /** Three significant digits, exponents only where they are shorter to read. */
-export function significant(value: number | null | undefined, digits = 3): string {
+export function significant(value: number | null | undefined): string {
   if (!known(value)) return NONE;
   if (value === 0) return '0';
   const size = Math.abs(value);
-  if (size >= 1e7 || size < 1e-4) return value.toExponential(digits - 1).replace('e+', 'e').replace('-', '−').replace('e-', 'e−');
-  return minus(trim(Number(value.toPrecision(Math.max(digits, Math.ceil(Math.log10(size))))).toString()));
+  if (size >= 1e7 || size < 1e-4) return value.toExponential(2).replace('e+', 'e').replace('-', '−').replace('e-', 'e−');
+  return minus(trim(Number(value.toPrecision(Math.max(3, Math.ceil(Math.log10(size))))).toString()));
 }
 
 export function fixed(value: number | null | undefined, digits: number): string {

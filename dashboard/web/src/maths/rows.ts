@@ -7,19 +7,17 @@ type Column = (number | null)[];
 /** Columns of a run's training, one number a row, rows in the order of updates. */
 export interface Rows {
   length: number;
-  total: number;
   decimated: boolean;
   columns: { [name: string]: Column } & Record<XAxis, Column>;
 }
 
 export function noRows(): Rows {
   const columns = Object.fromEntries(TRAINING_COLUMNS.map((name) => [name, []])) as unknown as Rows['columns'];
-  return { length: 0, total: 0, decimated: false, columns };
+  return { length: 0, decimated: false, columns };
 }
 
 export function rowsOf(answer: TrainingAnswer): Rows {
   const rows = noRows();
-  rows.total = answer.total;
   rows.decimated = answer.decimated;
   rows.length = answer.columns.x?.length ?? 0;
   for (const name of TRAINING_COLUMNS)
@@ -48,7 +46,6 @@ export function append(rows: Rows, columns: ReadonlyMap<string, ArrayLike<number
       column.push(value === undefined || Number.isNaN(value) ? null : value);
     }
   }
-  rows.total += updates.length - (rows.length - keep);
   rows.length = keep + updates.length;
   return joins;
 }

@@ -3,12 +3,7 @@ import type { RunDetail, RunTraversal, Scene } from '../api/types';
 import { integer } from './format';
 import { manifestNumber } from './manifest';
 
-const MODES: Record<string, string> = { '0': 'idle', '1': 'training', '2': 'evaluating', train: 'training', evaluate: 'evaluating' };
-
-function modeName(mode: string | number): string {
-  const name = String(mode).toLowerCase();
-  return MODES[name] ?? name;
-}
+const MODES: Record<string, string> = { train: 'training', evaluate: 'evaluating' };
 
 export type Recorded = { traversal: string; hash: string | null };
 /** Returns whether both are on one traversal. Two of equal contents have one hash. */
@@ -30,7 +25,7 @@ export function routePart(scene: Scene | null, detail: RunDetail, traversal: Run
 /** Describes what an env_service does: its mode and policy, its route, and how far it is. */
 export function sceneText(scene: Scene | null, traversal: RunTraversal): string {
   if (!scene) return `${integer(traversal.frames)} frames`;
-  const does = [modeName(scene.mode), scene.policy].filter(Boolean).join(' ');
+  const does = [MODES[scene.mode] ?? scene.mode, scene.policy].filter(Boolean).join(' ');
   if (scene.frames === 0) return `${does} · ${integer(traversal.frames)} frames`;
   return `${does} · frames ${integer(scene.first_frame)} to ${integer(scene.first_frame + scene.frames - 1)} · tick ${integer(scene.step)}`;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
 import { useMemo, useState } from 'preact/hooks';
-import { remove, runPath } from '../api/client';
+import { request, runPath } from '../api/client';
 import type { Evaluation, Run, RunDetail } from '../api/types';
 import { curveOf, type Line } from '../maths/curves';
 import { newest } from '../maths/evaluations';
@@ -119,7 +119,7 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
   };
   const erase = (id: string): void => {
     setDoomed(null);
-    remove(runPath(id)).catch((cause: unknown) => setError(failure(cause).error));
+    request(runPath(id), { method: 'DELETE' }).catch((cause: unknown) => setError(failure(cause).error));
   };
   const tags = [...new Set(all.flatMap((run) => run.tags))].sort();
   const wanted = tags.find((tag) => tag === param('tag', '')) ?? '';
@@ -180,7 +180,6 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
       title="Runs"
       hint={`${plural(all.length, 'run')}; at most ${MAX_RUNS} side by side`}
       name="runs"
-      caption="Runs"
       columns={columns}
       rows={listed}
       saved={rows}
@@ -252,7 +251,7 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
         name="compare"
         {...axisProps(x)}
         yLabel={metric.label}
-        format={metric.value === 'steps_per_second' ? short : (value) => significant(value)}
+        format={metric.value === 'steps_per_second' ? short : significant}
         lines={lines}
         height={300}
         legend

@@ -100,7 +100,6 @@ export function SplTable({ list }: { list: readonly Evaluation[] }): JSX.Element
       title="SPL by traversal and policy"
       hint="Mean over the tasks, of the newest checkpoint. 1 is the shortest path every time. An agent that sees is better than blind, and worse on shuffled frames."
       name="spl"
-      caption="SPL by traversal and policy"
       columns={columns}
       rows={rows}
       rowKey={(row) => row.traversal}

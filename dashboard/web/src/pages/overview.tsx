@@ -228,7 +228,6 @@ function Services(): JSX.Element {
     <TableCard
       title="Services"
       name="services"
-      caption="Services"
       hint={list.length ? plural(list.length, 'service') : undefined}
       of={services.value}
       columns={columns}

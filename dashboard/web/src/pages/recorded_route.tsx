@@ -160,7 +160,6 @@ function Episodes({ list, chosen: rowid, kind, name }: {
       title="Episodes of this moment"
       hint="The newest ones up to the moment that is marked, or of the whole run."
       name={`episodes ${name}`}
-      caption="Episodes of this moment"
       columns={columns}
       rows={list}
       rowKey={(e) => e.rowid}

@@ -17,7 +17,7 @@ import { useJson, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
 import { useDetail, useTraining } from '../state/training';
-import { Card, Failed, Loading, Slider } from '../ui/basics';
+import { Card, Failed, Loading } from '../ui/basics';
 import { Chart, type Reference } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { MomentBar } from '../ui/moment_bar';
@@ -29,7 +29,7 @@ interface Metric {
   title: string;
   hint: string;
   unit: string;
-  format: (value: number) => string;
+  format: (value: number | null) => string;
   max?: number;
 }
 
@@ -38,11 +38,11 @@ const PERFORMANCE: Metric[] = [
   { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', unit: '', format: threeDecimals, max: 1 },
   { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of the last 100 episodes', unit: 'steps', format: (v) => fixed(v, 1) },
 ];
-const FORMATS: { [unit: string]: (value: number) => string } = { share: (v) => percent(v), 'steps/s': short };
+const FORMATS: { [unit: string]: Metric['format'] } = { share: (v) => percent(v), 'steps/s': short };
 const AXES = ['update', 'steps', 'episodes', 'wall'];
 const OPTIMISATION: Metric[] = TRAINING_FIGURES.filter(
   ({ name }) => !AXES.includes(name) && !PERFORMANCE.some(({ key }) => key === name),
-).map(({ name, unit, title, help }) => ({ key: name, title, hint: help, unit: FORMATS[unit] ? '' : unit, format: FORMATS[unit] ?? ((v) => significant(v)) }));
+).map(({ name, unit, title, help }) => ({ key: name, title, hint: help, unit: FORMATS[unit] ? '' : unit, format: FORMATS[unit] ?? significant }));
 
 const MAX_RUNS = 24; // curves fetched at once
 
@@ -161,15 +161,20 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         <div class="wrap card">
           <Choice of={{ ...AXIS, resets: ['from', 'to'], also: (axis) => moved(seen, axis) }} />
           <Choice of={SEEDS} />
-          <Slider
-            label="Smoothing"
-            value={smoothing}
-            min={0}
-            max={0.99}
-            step={0.01}
-            text={smoothing.toFixed(2)}
-            onInput={(value) => setParams({ smooth: String(value) })}
-          />
+          <label class="field hint">
+            <span>
+              Smoothing <b>{smoothing.toFixed(2)}</b>
+            </span>
+            <input
+              type="range"
+              min={0}
+              max={0.99}
+              step={0.01}
+              value={smoothing}
+              aria-valuetext={smoothing.toFixed(2)}
+              onInput={(event) => setParams({ smooth: event.currentTarget.value })}
+            />
+          </label>
           {zoom && (
             <button type="button" onClick={() => setZoom(null)}>
               Whole range

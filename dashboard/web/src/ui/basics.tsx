@@ -132,33 +132,6 @@ export function Tick({ type = 'checkbox', label, children, ...rest }: TickProps)
   );
 }
 
-export function Slider({ label, value, min, max, step, text, onInput }: {
-  label: string;
-  value: number;
-  min: number;
-  max: number;
-  step: number;
-  text: string;
-  onInput: (value: number) => void;
-}): JSX.Element {
-  return (
-    <label class="field hint">
-      <span>
-        {label} <b>{text}</b>
-      </span>
-      <input
-        type="range"
-        min={min}
-        max={max}
-        step={step}
-        value={value}
-        aria-valuetext={text}
-        onInput={(event) => onInput(Number(event.currentTarget.value))}
-      />
-    </label>
-  );
-}
-
 const ICONS = {
   overview: 'M4 5h7v6H4zM13 5h7v4h-7zM13 11h7v8h-7zM4 13h7v6H4z',
   training: 'M4 19V5M4 19h16M7 15c3 0 3-7 6-7s3 3 7-2',

@@ -27,7 +27,7 @@ export interface ChartProps {
   references?: readonly Reference[];
   /** Part of the names of saved files: the page or the run. */
   name: string;
-  format?: (value: number) => string;
+  format?: (value: number | null) => string;
   xFormat?: (value: number) => string;
   height?: number;
   legend?: boolean;
@@ -93,7 +93,7 @@ export function Chart(props: ChartProps): JSX.Element {
   );
 }
 
-function Legend({ lines, format }: { lines: readonly Line[]; format: (value: number) => string }): JSX.Element {
+function Legend({ lines, format }: { lines: readonly Line[]; format: (value: number | null) => string }): JSX.Element {
   return (
     <ul class="legend">
       {lines
@@ -102,17 +102,14 @@ function Legend({ lines, format }: { lines: readonly Line[]; format: (value: num
           <li key={line.key} class="row">
             <Swatch colour={line.colour} dashed={line.dashed} />
             {line.label}
-            <span class="number">{lastOf(line, format)}</span>
+            <span class="number">{format(lastOf(line))}</span>
           </li>
         ))}
     </ul>
   );
 }
 
-function lastOf(line: Line, format: (value: number) => string): string {
-  const value = line.y.findLast((one) => one !== null) ?? null;
-  return value === null ? '–' : format(value);
-}
+const lastOf = (line: Line): number | null => line.y.findLast((value) => value !== null) ?? null;
 
 type PlotProps = ChartProps & { references: readonly Reference[]; zoom: Range | null };
 
@@ -168,9 +165,9 @@ function Plot(props: PlotProps): JSX.Element {
   }, [props.mark]);
 
   const named = lines.filter((line) => !line.faint).slice(0, 8);
-  const summary = named.map((line) => `${line.label}: last ${lastOf(line, format)}`);
+  const summary = named.map((line) => `${line.label}: last ${format(lastOf(line))}`);
   const { mark = null } = props;
-  if (mark !== null) summary.push(`at ${(props.xFormat ?? short)(mark)}: ${named.map((line) => `${line.label}: ${markedValue(line, mark, format)}`).join(', ')}`);
+  if (mark !== null) summary.push(`at ${(props.xFormat ?? short)(mark)}: ${named.map((line) => `${line.label}: ${format(nearestValue(line, mark))}`).join(', ')}`);
   const move = (event: KeyboardEvent): void => {
     const step = event.key === 'ArrowRight' ? 1 : event.key === 'ArrowLeft' ? -1 : 0;
     const u = plot.current;
@@ -373,13 +370,8 @@ function drawMark(u: uPlot, current: Current | null): void {
   ctx.restore();
 }
 
-function markedValue(line: Line, mark: number, format: (value: number) => string): string {
-  const value = nearestValue(line, mark);
-  return value === null ? '–' : format(value);
-}
-
 /** Names the dashed lines. */
-function References({ list, format }: { list: readonly Reference[]; format: (value: number) => string }): JSX.Element {
+function References({ list, format }: { list: readonly Reference[]; format: (value: number | null) => string }): JSX.Element {
   return (
     <ul class="legend fine">
       {list.map((reference, i) => (

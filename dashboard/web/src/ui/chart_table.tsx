@@ -36,10 +36,7 @@ export function ChartTable({ title, xLabel, lines, references, zoom, format = si
   const last = zoom?.to ?? Math.max(...lines.map((line) => line.x[line.x.length - 1] ?? -Infinity));
   const count = first === last ? 1 : TABLE_ROWS;
   const rows = Array.from({ length: count }, (_, i) => (i === count - 1 ? last : first + ((last - first) * i) / (count - 1)));
-  const at = (x: number, y: Curve['y'], line: Line): string => {
-    const value = valueAt({ x: line.x, y }, x);
-    return value === null ? '–' : format(value);
-  };
+  const at = (x: number, y: Curve['y'], line: Line): string => format(valueAt({ x: line.x, y }, x));
   const column = (key: string, label: string, show: (x: number) => string): Column<number> => ({ key, label, number: true, show });
   return (
     <>

@@ -87,8 +87,10 @@ export function SaveTable<T>({ name, columns, rows }: { name: string } & Pick<Ta
   return <IconButton icon="save" label={`Download ${name} as CSV`} onClick={save} />;
 }
 
-interface TableCardProps<T> extends TableProps<T> {
+interface TableCardProps<T> extends Omit<TableProps<T>, 'caption'> {
   title: string;
+  /** Of the table; the title by default. */
+  caption?: string;
   hint?: string | undefined;
   id?: string;
   /** Name of the saved file. */
@@ -123,7 +125,7 @@ export function TableCard<T>({ title, hint, id, name, actions, of, saved, empty,
         {() =>
           table.rows.length || !empty ? (
             <>
-              <Table {...table} />
+              <Table caption={title} {...table} />
               {below}
             </>
           ) : (

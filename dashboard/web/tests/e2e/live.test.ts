@@ -12,13 +12,6 @@ const steps = (page: Page): Promise<string> => page.locator('.run-card .pairs dd
 describe('live', () => {
   const stage = Stage.ofCity();
 
-  it('the overview moves by itself', async () => {
-    const { page } = await stage.page('overview');
-    await page.waitForSelector('.run-card');
-    const first = await steps(page);
-    await eventually(() => steps(page), (now) => now !== first);
-  });
-
   it('curves grow', async () => {
     const { page } = await stage.page('training?show=runs');
     const plot = page.getByRole('img', { name: /^Steps per second/ });
@@ -27,18 +20,7 @@ describe('live', () => {
     await eventually(() => plot.getAttribute('aria-label'), (now) => now !== first);
   });
 
-  it('agents move, and what the chosen one sees comes as a picture', async () => {
-    const { page } = await stage.page('route');
-    await page.waitForSelector('.picture img');
-    const caption = page.locator('.picture figcaption .number').first();
-    const first = await caption.innerText();
-    await eventually(() => caption.innerText(), (now) => now !== first);
-    await expect.poll(() => page.locator('.picture img').first().evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(0);
-    // The sibling shows the same place of its own traversal.
-    await eventually(() => page.locator('.picture img').count(), (count) => count === 2);
-  });
-
-  it('pictures beside each other are of one frame', async () => {
+  it('agents move: what the chosen one sees and the same place on the sibling are pictures of one frame', async () => {
     const { page } = await stage.page('route');
     const frames = (): Promise<string[]> =>
       page.evaluate(() => [...document.querySelectorAll<HTMLElement>('.picture figcaption .number')].map((one) => one.innerText));
@@ -47,6 +29,7 @@ describe('live', () => {
       if (now.length === 2) expect(now[0]).toBe(now[1]);
       return now.length === 2 && seen.add(now[0] ?? '').size > 4;
     });
+    await expect.poll(() => page.locator('.picture img').first().evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(0);
   });
 
   it('pictures are asked for only while they are seen', async () => {

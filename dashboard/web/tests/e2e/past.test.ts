@@ -4,7 +4,7 @@ import { join } from 'node:path';
 import { promisify } from 'node:util';
 import type { Page } from 'playwright-core';
 import { beforeAll, describe, expect, inject, it } from 'vitest';
-import type { Evaluation, Run, RunDetail } from '../../src/api/types';
+import type { Evaluation, Run } from '../../src/api/types';
 import { Program, startDashboard, type Options } from './programs';
 import { api, curve, eventually, hashOf, Stage, violations, wider } from './stage';
 
@@ -14,7 +14,6 @@ const FRAMES = 24;
 const wire = (): Options => ({ ...inject('city').wire, session: 'past', id: 'past' });
 const stage = Stage.ofProgram(wire);
 let run: Run;
-let detail: RunDetail;
 
 // Python, which the build needs too, has a reader of SQLite.
 const READ = 'import sqlite3, sys; print(sqlite3.connect(f"file:{sys.argv[1]}?mode=ro", uri=True).execute(sys.argv[2]).fetchone()[0])';
@@ -55,7 +54,6 @@ beforeAll(async () => {
   }
   await restart(); // so that nothing is left but what is stored
   [run] = (await api<{ runs: Run[] }>(stage.url, 'runs')).runs as [Run];
-  detail = await api<RunDetail>(stage.url, `runs/${encodeURIComponent(run.id)}`);
 }, 300_000);
 
 const frames = (page: Page): Promise<string[]> => page.locator('.picture figcaption .number').allInnerTexts();
@@ -183,13 +181,4 @@ describe('the time cursor', () => {
     await moment.waitFor({ state: 'detached' });
     await page.waitForFunction(() => !location.hash.includes('at='));
   });
-});
-
-it('a run that is removed takes its map and pictures along', async () => {
-  const [traversal] = detail.traversals;
-  expect((await fetch(`${stage.url}api/map/${traversal?.hash}`)).status).toBe(200);
-  expect((await fetch(`${stage.url}api/runs/${encodeURIComponent(run.id)}`, { method: 'DELETE' })).status).toBe(204);
-  expect((await api<{ runs: Run[] }>(stage.url, 'runs')).runs).toEqual([]);
-  expect((await fetch(`${stage.url}api/map/${traversal?.hash}`)).status).toBe(404);
-  expect(await sql('SELECT COUNT(*) FROM pictures')).toBe(0);
 });

@@ -2,8 +2,7 @@
 import { existsSync } from 'node:fs';
 import { beforeAll, describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
-import type { Episode, Evaluation, Run, TrainingAnswer } from '../../src/api/types';
-import { fixed } from '../../src/maths/format';
+import type { Episode, Run, TrainingAnswer } from '../../src/api/types';
 import { api, curve, eventually, hashOf, saved, Stage, violations, zoom } from './stage';
 
 const stage = Stage.ofCity();
@@ -123,22 +122,6 @@ describe('deployment', () => {
     await page.getByRole('button', { name: 'Play', exact: true }).waitFor();
     expect(await violations(page)).toEqual([]);
     expect(complaints).toEqual([]);
-  });
-
-  it('has SPL by traversal and policy, with the figures of the evaluations', async () => {
-    const path = `runs/${idOf('policy')}/evaluations`;
-    const { evaluations } = await api<{ evaluations: Evaluation[] }>(stage.url, path);
-    const { page } = await stage.page(`deployment?run=${idOf('policy')}`);
-    const matrix = page.locator('section[aria-label="SPL by traversal and policy"]');
-    await matrix.locator('tbody tr').first().waitFor();
-    const heads = (await matrix.locator('thead th').allInnerTexts()).slice(1);
-    expect(heads).toEqual(['place_filter', 'place_filter, shuffled frames', 'blind', 'oracle_filter', 'sequence_filter', 'shortest_path']);
-    const of = (traversal: string, policy: string): number | undefined =>
-      evaluations.filter((one) => one.traversal === traversal && one.policy === policy && !one.shuffled).sort((a, b) => b.update - a.update)[0]?.spl;
-    for (const traversal of ['summer', 'winter']) {
-      const cells = await matrix.locator('tr', { hasText: traversal }).locator('td').allInnerTexts();
-      for (const policy of ['place_filter', 'blind', 'shortest_path']) expect(cells[heads.indexOf(policy)]).toBe(fixed(of(traversal, policy), 3));
-    }
   });
 
   it('says so when the actions of an episode were not kept', async () => {

@@ -6,7 +6,7 @@ import { noRows, type Rows } from '../../src/maths/rows';
 
 function rows(): Rows {
   const all = noRows();
-  all.length = all.total = 3;
+  all.length = 3;
   all.columns.update = [1, 2, 5];
   all.columns.steps = [512, 1024, 2560];
   all.columns.episodes = [10, 22, 60];

