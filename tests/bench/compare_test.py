@@ -33,9 +33,7 @@ def line(rate, time=20.0):
 
 class Compare(unittest.TestCase):
     def setUp(self):
-        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
-        self.addCleanup(temporary.cleanup)
-        self.folder = Path(temporary.name)
+        self.folder = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
         self.kept = self.folder / "kept.json"
         self.build = self.made("build", [line(1000)])
 

@@ -31,10 +31,8 @@ class CommandLine(unittest.TestCase):
         cls.domain = own_domain()
 
     def setUp(self):
-        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
-        self.addCleanup(temporary.cleanup)
-        self.folder = Path(temporary.name)
-        ours = {"PATH": f"{PREFIX}/bin:{os.environ['PATH']}", "CITYLEARN_DOMAIN": str(self.domain), "HOME": temporary.name}
+        self.folder = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
+        ours = {"PATH": f"{PREFIX}/bin:{os.environ['PATH']}", "CITYLEARN_DOMAIN": str(self.domain), "HOME": str(self.folder)}
         self.environment = {name: value for name, value in os.environ.items() if not name.startswith("CITYLEARN_")} | ours
 
     def run_command(self, *words, status=0, seconds=PATIENCE):

@@ -101,9 +101,7 @@ class MultiHost(unittest.TestCase):
 
 class Secure(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="citylearn-")
-        self.addCleanup(folder.cleanup)
-        self.keys = Path(folder.name) / "keys"
+        self.keys = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-"))) / "keys"
 
     def make_keys(self):
         """The commands of the file's own comment."""

@@ -26,10 +26,8 @@ class Packages(support.SystemdCase):
 
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="citylearn-")
-        cls.addClassCleanup(folder.cleanup)
-        cls.folder = Path(folder.name)
-        call("cpack", "-D", f"CPACK_PACKAGE_DIRECTORY={folder.name}", cwd=BUILD)
+        cls.folder = Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
+        call("cpack", "-D", f"CPACK_PACKAGE_DIRECTORY={cls.folder}", cwd=BUILD)
         cls.files = {file.name.partition("_")[0]: file for file in cls.folder.glob("*.deb")}
 
     def install(self, *names):

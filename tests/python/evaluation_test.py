@@ -24,25 +24,24 @@ class Evaluation(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         """A policy_service trains a little and evaluates the agent and every control on two recordings."""
-        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
-        cls.addClassCleanup(temporary.cleanup)
+        folder = Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
         options = [f"--{name.replace('_', '-')}={value}" for name, value in DATA.items()]
         services = [subprocess.Popen([BUILD / "env_service/env_service", *WHERE, *options, f"--traversal={name}",
                                       "--agents=8", "--linger=0"]) for name in ("summer", "winter")]
         try:
             command = [BUILD / "policy_service/policy_service", *WHERE, "--agent=place_filter", "--steps=4000",
                        "--frames=0:32", f"--tasks={TASKS}", "--controls=all", "--seed=3", "--wait=60",
-                       "--evaluate=summer,winter", f"--output={temporary.name}/run",
+                       "--evaluate=summer,winter", f"--output={folder}/run",
                        *(f"--source={option[2:]}" for option in options)]
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=200)
         finally:
             for service in services:
                 service.terminate()
                 service.wait()
-        cls.summary = json.loads(Path(temporary.name, "run/summary.json").read_text())
-        cls.checkpoint = next(Path(temporary.name, "run/checkpoints").glob("checkpoint-*.clk"))
+        cls.summary = json.loads((folder / "run/summary.json").read_text())
+        cls.checkpoint = next((folder / "run/checkpoints").glob("checkpoint-*.clk"))
         cls.policy = citylearn.load_policy(cls.checkpoint)
-        cls.model = f"{temporary.name}/agent.onnx"
+        cls.model = f"{folder}/agent.onnx"
         subprocess.run([BUILD / "tools/export/citylearn_export", f"--checkpoint={cls.checkpoint}", f"--output={cls.model}"],
                        check=True, stderr=subprocess.DEVNULL, timeout=100)
 

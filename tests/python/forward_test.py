@@ -31,9 +31,7 @@ def installed(name):
 
 class Forward(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = Path(folder.name)
+        self.folder = Path(self.enterContext(tempfile.TemporaryDirectory()))
         self.run_folder = self.folder / "runs/20260101/seed-3"
         self.run_folder.mkdir(parents=True)
         for name, text in (("manifest.json", json.dumps(MANIFEST)), ("summary.json", json.dumps(SUMMARY)), ("metrics.csv", METRICS)):

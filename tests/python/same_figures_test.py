@@ -75,9 +75,7 @@ KINDS = {
 class SameFigures(unittest.TestCase):
     def figures(self, kind):
         """Trains in a demo on the first frames. Returns SPL by where it is evaluated and traversal."""
-        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
-        self.addCleanup(temporary.cleanup)
-        folder = Path(temporary.name)
+        folder = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
         (folder / "data").mkdir()
         data = ["--synthetic-frames", str(RECORDED)]
         found = {"synthetic_frames": RECORDED}

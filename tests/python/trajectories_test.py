@@ -128,9 +128,7 @@ class Learning(unittest.TestCase):
 
 class Endings(unittest.TestCase):
     def setUp(self):
-        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
-        self.addCleanup(temporary.cleanup)
-        self.output = Path(temporary.name, "run")
+        self.output = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-")), "run")
 
     def test_a_checkpoint_is_left_that_others_read_and_actors_are_dismissed(self):
         with running(*env_services(), actor(1), actor(2)) as (_, _, *actors):

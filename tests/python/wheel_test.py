@@ -18,9 +18,7 @@ MODULE = f"_native{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 class Wheel(unittest.TestCase):
     def setUp(self):
-        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
-        self.addCleanup(temporary.cleanup)
-        self.folder = Path(temporary.name).resolve()
+        self.folder = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-"))).resolve()
 
     def install(self, build, start=None):
         """Lets pip install the package of a build, in a shell whose folder is `start`; returns how that ended."""

@@ -33,17 +33,16 @@ GOOD = """module citylearn { module msg {
 
 class Generate(unittest.TestCase):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.addCleanup(self.folder.cleanup)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def run_on(self, text):
-        path = pathlib.Path(self.folder.name) / "thing.idl"
+        path = self.folder / "thing.idl"
         path.write_text(text)
-        return subprocess.run([sys.executable, PROGRAM, self.folder.name, path], capture_output=True, text=True)
+        return subprocess.run([sys.executable, PROGRAM, self.folder, path], capture_output=True, text=True)
 
     def test_it_writes_fields_bounds_checks_and_topics(self):
         self.assertEqual(self.run_on(GOOD).returncode, 0)
-        fields = (pathlib.Path(self.folder.name) / "idl/message_fields.h").read_text()
+        fields = (self.folder / "idl/message_fields.h").read_text()
         for line in ('visitor.protocol("protocol", m.protocol());', 'visitor.nested("header", m.header());',
                      'visitor.enumerator("task_mode", m.task_mode(), TRAIN);', 'visitor("name", m.name());',
                      'visitor("number", m.number(), MOST);', 'check.finite("number", m.number());',
@@ -52,7 +51,7 @@ class Generate(unittest.TestCase):
                      'X(BigThing, "citylearn/big_thing", kState, kReceiver)', 'return m.name().c_str();',
                      '#include "idl/objects.h"', r'visitor("citylearn_uptime_seconds", "seconds \"alive\"", m.uptime());'):
             self.assertIn(line, fields)
-        forward = (pathlib.Path(self.folder.name) / "idl/forward.h").read_text()
+        forward = (self.folder / "idl/forward.h").read_text()
         self.assertIn("class BigThing;", forward)
         self.assertIn("enum Mode : std::uint32_t;", forward)
 
@@ -64,12 +63,12 @@ class Generate(unittest.TestCase):
   };
 """
         self.assertEqual(self.run_on(text).returncode, 0)
-        fields = (pathlib.Path(self.folder.name) / "idl/message_fields.h").read_text()
+        fields = (self.folder / "idl/message_fields.h").read_text()
         self.assertIn('X(SmallThingRequest, "citylearn/small_thing_request", kCommand, kReceiver)', fields)
         self.assertIn("  X(SmallThing) ", fields)
         self.assertNotIn("X(BigThing,", fields)
         self.assertIn('const BigThing*) { return "citylearn::msg::BigThing"; }', fields)
-        objects = (pathlib.Path(self.folder.name) / "idl/objects.h").read_text()
+        objects = (self.folder / "idl/objects.h").read_text()
         self.assertIn("class SmallThingRequest : public BigThing {};", objects)
 
     def test_a_mistake_is_named_with_its_file_and_line(self):

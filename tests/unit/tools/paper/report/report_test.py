@@ -24,9 +24,7 @@ from sample_study import sample, trial
 
 class TemporaryFolder(unittest.TestCase):
     def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = Path(folder.name)
+        self.folder = Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def run_report(self) -> tuple[int, str]:
         errors = io.StringIO()
