@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""compose/slurm/train.sbatch under Debian's Slurm: arrays, heterogeneous jobs, ranks, requeueing."""
+"""compose/slurm/train.sbatch under Debian's Slurm: arrays, heterogeneous jobs, ranks, requeueing, wrong settings."""
 
 import json
 import os
@@ -111,9 +111,11 @@ class Slurm(unittest.TestCase):
                           POLICY_OPTIONS=f"--steps 100000000 --time-limit 12 --ppo-learning-rate 0.002 {TRAINING}")
         self.wait_for_checkpoint(self.output)
         self.assertRegex(call("squeue", "-h", "-o", "%i %N"), rf"(?m)^{job}\+0 node\d$")
-        os.kill(process_with("--role actor --id"), signal.SIGKILL)
+        for service in ("actor", "env-summer"):
+            os.kill(process_with(f"--id {service}-node"), signal.SIGKILL)
         self.finish(job)
-        self.assertRegex(self.said(), r"actor-node\d-[12] ended with status 137, starts again in 1 s")
+        for service in ("actor", "env-summer"):
+            self.assertRegex(self.said(), rf"{service}-node\d-[12] ended with status 137, starts again in 1 s")
         self.assertEqual(len(list((self.output / "logs").glob("env-summer-node*"))), 4)
         self.assertRegex(self.log("policy"), r"actor 'actor-node\d-2' joins")
         self.expect_trained(self.output)
@@ -148,9 +150,30 @@ class Slurm(unittest.TestCase):
         self.start_requeued(job)
         self.finish(job)
         self.assertIn("queued again", self.said())
+        self.assertIn(f"done; results are in {self.output}", self.said())
         self.assertIn("stopped by a signal", self.log("policy"))
         self.assertIn("resuming after update", self.log("policy"))
         self.expect_trained(self.output)
+
+    def test_odd_settings_are_refused_and_nothing_in_them_is_run(self):
+        command = f"$(touch {self.output}/run)"
+        for name, value in (("ENVS", f"PATH[{command}]"), ("ACTORS", f"PATH[{command}]"), ("RANKS", "maybe"),
+                            ("ENVS", "08"), ("ENVS", "99999999999999999999"),
+                            ("FRAMES", f"PATH[{command}]:128"), ("FRAMES", f"0:PATH[{command}]"), ("FRAMES", "128"),
+                            ("FRAMES", "9:9"), ("TRAIN", f"a{command}"), ("TRAIN", "a\nb"), ("EVALUATE", "fall ../../fall"),
+                            ("EVALUATE", f"fall{command}"), ("EVALUATE", "*")):
+            settings = {"SLURM_JOB_ID": "1", "SLURM_JOB_NODELIST": "node1", "OUTPUT": f"{self.output}/odd", name: value}
+            done = subprocess.run(["bash", COMPOSE / "slurm/train.sbatch"], env=os.environ | settings, capture_output=True,
+                                  text=True, timeout=60, check=False)
+            self.assertEqual((done.returncode, done.stdout), (2, ""), f"{name}={value}: {done.stderr}")
+            self.assertRegex(done.stderr, rf"^train.sbatch: .*{name}.*: ", f"{name}={value}")
+        self.assertEqual(list(self.output.iterdir()), [])
+
+    def test_a_wrong_option_is_not_tried_again(self):
+        job = self.submit("--nodes=2", POLICY_OPTIONS="--no-such-option")
+        wait_for("it has failed", 60, lambda: state_of(job) == {"FAILED"}, self.report)
+        self.assertNotIn("policy ended", self.said())
+        self.assertIn("no-such-option", self.log("policy"))
 
 
 if __name__ == "__main__":
