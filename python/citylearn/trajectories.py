@@ -12,8 +12,6 @@ import numpy as np
 
 from ._options import _native, as_text, check_number, check_process, count, none_is_default, seconds, seed_of
 
-GOES_ON, AT_GOAL, AT_LIMIT = 0, 1, 2
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch:

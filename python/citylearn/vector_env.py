@@ -15,7 +15,7 @@ from ._spaces import AutoresetMode, Discrete, EnvBase, VectorEnvBase, batch_spac
 STAY, NEXT, PREVIOUS = 0, 1, 2
 _MOST_SERVICES = 4096
 _WAIT = 255  # at the start of an episode: nothing of the agent changes
-_FIRST, _TERMINATED, _TRUNCATED = 1, 2, 4
+_TERMINATED, _TRUNCATED = 2, 4
 
 Observation = dict[str, np.ndarray]
 
@@ -205,7 +205,7 @@ class VectorEnv(VectorEnvBase):
         ended = terminated | truncated
         self._ended = ended & (self.autoreset_mode != AutoresetMode.SAME_STEP)  # and do not yet begin the next
         self._steps += chosen != _WAIT
-        infos = self._infos(position)
+        infos = {"position": position, "_position": np.ones(self.num_envs, bool)}
         if ended.any():
             self._final = {"goal": np.where(ended, goal_before, observation["goal"]),
                            "previous_action": np.where(ended, chosen, observation["previous_action"])}
@@ -224,9 +224,6 @@ class VectorEnv(VectorEnvBase):
                 observation = final
                 infos["spl"], infos["_spl"] = spl, ended.copy()
         return observation, rewards, terminated, truncated, infos
-
-    def _infos(self, position: np.ndarray) -> dict[str, Any]:
-        return {"position": position, "_position": np.ones(self.num_envs, bool)}
 
     def _seeds(self, seed: Any) -> list[int | None]:
         """Returns one seed, or None, for each service."""

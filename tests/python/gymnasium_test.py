@@ -54,11 +54,6 @@ class Makers(unittest.TestCase):
         self.assertEqual(ours.observation_space, theirs.observation_space)
         self.assertTrue(data_equivalence(ours.reset(seed=2), theirs.reset(seed=2)))
 
-    def test_render_mode_is_a_type_error(self):
-        """At which Stable-Baselines3 makes the environment without one."""
-        with self.assertRaisesRegex(TypeError, "render_mode must be None"):
-            citylearn.Env(render_mode="rgb_array", **OPTIONS)
-
 
 class Resets(unittest.TestCase):
     """reset() takes what SyncVectorEnv takes, and answers the same."""

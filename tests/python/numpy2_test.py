@@ -78,6 +78,5 @@ class Import(unittest.TestCase):
         self.assertIn("there is none; build it", self.told({}))
 
 
-
 if __name__ == "__main__":
     unittest.main()
