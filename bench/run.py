@@ -70,20 +70,15 @@ def arguments():
 
 def command(build, name):
     """Returns the words that start a benchmark of a build folder. Raises Failure."""
-    program, cases = Path(build) / f"bench/{name}/bench_{name}", Path(build) / "bench/cases/bench_cases"
     script = SOURCE / name / f"{name}.py"
     if script.exists():
         return ["/usr/bin/python3", "-B", str(script), str(build)]  # Debian's, which has numpy
-    words = [program]
-    if (SOURCE / f"cases/{name}.md").exists() and not (program.exists() and not has_case(cases, name)):
-        words = [cases, name]  # older builds have programs instead of some cases
+    words = [Path(build) / f"bench/{name}/bench_{name}"]
+    if (SOURCE / f"cases/{name}.md").exists():
+        words = [Path(build) / "bench/cases/bench_cases", name]
     if not words[0].exists():
         raise Failure(f"{words[0]} is missing; build it with ./run build")
     return list(map(str, words))
-
-
-def has_case(cases, name):
-    return cases.exists() and subprocess.run([cases, name, "--help"], capture_output=True, check=False).returncode == 0
 
 
 def machine():

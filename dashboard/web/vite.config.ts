@@ -6,15 +6,10 @@ import { defineConfig, type Plugin } from 'vite';
 
 /** Writes NAME.gz beside what the server may send compressed. */
 function compressed(): Plugin {
-  let folder = '';
   return {
     name: 'compressed',
     apply: 'build',
-    configResolved: (config) => {
-      folder = join(config.root, config.build.outDir);
-      if (config.build.outDir.startsWith('/')) folder = config.build.outDir;
-    },
-    closeBundle: () => {
+    writeBundle: ({ dir: folder = '' }) => {
       for (const name of readdirSync(folder, { recursive: true, encoding: 'utf8' }))
         if (/\.(js|css|html|svg)$/.test(name)) writeFileSync(join(folder, `${name}.gz`), gzipSync(readFileSync(join(folder, name)), { level: 9 }));
     },

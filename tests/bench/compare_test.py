@@ -37,9 +37,9 @@ class Compare(unittest.TestCase):
         self.kept = self.folder / "kept.json"
         self.build = self.made("build", [line(1000)])
 
-    def made(self, name, lines, program="bench/cases/bench_cases"):
+    def made(self, name, lines):
         """Returns a build folder whose program for loop records these lines."""
-        program = self.folder / name / program
+        program = self.folder / name / "bench/cases/bench_cases"
         folder = program.parent
         folder.mkdir(parents=True, exist_ok=True)
         program.write_text(PROGRAM)
@@ -91,9 +91,9 @@ class Compare(unittest.TestCase):
 
     def test_another_build_is_measured_by_turns(self):
         self.made("build", [line(900)])
-        before = self.made("before", [line(1000)], "bench/loop/bench_loop")  # an older one
+        before = self.made("before", [line(1000)])
         self.assertIn("slower", self.bench("--against", before, status=1))
-        self.assertEqual((before / "bench/loop/calls").read_text(), "5\n")
+        self.assertEqual((before / "bench/cases/calls").read_text(), "5\n")
         self.assertIn("0 slower", self.bench("--against", self.build, status=0))
 
     def test_a_figure_that_is_missing_or_new_is_said(self):

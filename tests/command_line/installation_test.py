@@ -10,6 +10,8 @@ from contextlib import closing
 
 from support import BUILD, PREFIX, SOURCE, CommandLine
 
+SHORT = ["--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4", "--no-wait"]
+
 
 class Installation(CommandLine):
     def test_help_fits_a_screen(self):
@@ -51,8 +53,7 @@ class Installation(CommandLine):
         self.assertIn(f"PROBLEM: no participant was heard in domain {self.domain} on lo", said)
 
     def test_a_demo_trains_here_and_is_repeated(self):
-        said = self.run_command("citylearn", "demo", "--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4",
-                                "--output", "first run", "--no-wait", "--no-dashboard")
+        said = self.run_command("citylearn", "demo", *SHORT, "--output", "first run", "--no-dashboard")
         self.assertIn("Next:\n  citylearn again first\\ run --agent features\n", said)
         self.assertNotIn("./run", said)
         self.assertIn("summer", json.loads((self.folder / "first run/summary.json").read_text())["evaluate"])
@@ -69,8 +70,7 @@ class Installation(CommandLine):
         dashboard, said = self.start("citylearn", "dashboard", "--port", "0")
         self.wait_for("dashboard: http", said)
         self.assertIn("open http://", self.run_command("citylearn", "dashboard", "--port", "0", status=1))
-        short = ["--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4", "--no-wait"]
-        demo = self.run_command("citylearn", "demo", *short, "--output", "later")
+        demo = self.run_command("citylearn", "demo", *SHORT, "--output", "later")
         self.assertIn(re.search(r"^dashboard: \S+$", said.read_text(), re.M)[0], demo)
         self.assertFalse((self.folder / "later/dashboard.sqlite").exists())
         self.assertIn("citylearn again later --agent features", demo)
@@ -118,8 +118,7 @@ class Installation(CommandLine):
                                                  "Depends: bash (>= 5), citylearn-services | none\nDescription: programs\n")
             self.run_command("dpkg-deb", "-Znone", "-b", root, self.folder)
         self.environment["CITYLEARN_BUILD"] = "mine"
-        short = ["--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4", "--no-wait"]
-        self.run_command(SOURCE / "run", "demo", "--from-packages", ".", *short, "--output", "first")
+        self.run_command(SOURCE / "run", "demo", "--from-packages", ".", *SHORT, "--output", "first")
         self.assertIn("mine/packaged/usr/bin/policy_service", (self.folder / "first/manifest.json").read_text())
         self.assertIn("--train", self.run_command(SOURCE / "run", "policy", "--show-config", "first"))
         self.assertIn("there is no 'first/citylearn-services_", self.run_command(SOURCE / "run", "demo", "--from-packages", "first", status=1))

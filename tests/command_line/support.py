@@ -35,7 +35,7 @@ class CommandLine(unittest.TestCase):
         ours = {"PATH": f"{PREFIX}/bin:{os.environ['PATH']}", "CITYLEARN_DOMAIN": str(self.domain), "HOME": str(self.folder)}
         self.environment = {name: value for name, value in os.environ.items() if not name.startswith("CITYLEARN_")} | ours
 
-    def run_command(self, *words, status=0, seconds=PATIENCE):
+    def run_command(self, *words, status=0):
         """Runs a command to its end and returns its outputs as one text. Its status must be `status`."""
         log = self.folder.parent / (self.folder.name + ".log")  # not a pipe, which a service that is left over would hold open
         self.addCleanup(log.unlink, missing_ok=True)
@@ -44,7 +44,7 @@ class CommandLine(unittest.TestCase):
                                                          start_new_session=True) as process:
             ended = None
             try:
-                ended = process.wait(seconds)
+                ended = process.wait(PATIENCE)
             except subprocess.TimeoutExpired:
                 pass
             finally:
@@ -68,10 +68,10 @@ class CommandLine(unittest.TestCase):
         self.addCleanup(self.end, process)
         return process, log
 
-    def end(self, process, sent=signal.SIGINT):
+    def end(self, process):
         """Ends a command. Returns its status."""
         if process.poll() is None:
-            process.send_signal(sent)
+            process.send_signal(signal.SIGINT)
         try:
             return process.wait(30)
         finally:

@@ -101,10 +101,6 @@ def main(reason):
     unittest.main(verbosity=2)
 
 
-def settings_of_files():
-    return set(re.findall(r"\$\{([A-Z_]+)", "".join(path.read_text() for path in COMPOSE.glob("*.yaml"))))
-
-
 class Project:
     """A compose file under podman-compose, as a context: gone with its containers, networks and volumes, whatever happened."""
 
@@ -151,7 +147,7 @@ class Project:
 
     def compose(self, *words, before=(), options=()):
         """podman-compose, with the project's settings and none of the caller's."""
-        known = settings_of_files()
+        known = set(re.findall(r"\$\{([A-Z_]+)", "".join(path.read_text() for path in COMPOSE.glob("*.yaml"))))
         self.file.with_name(".env").write_text("".join(f"{name}={value}\n" for name, value in self.settings.items()))
         clean = {name: value for name, value in os.environ.items() if name not in known}
         return call(*before, "podman-compose", *options, "-p", self.name, "-f", self.file, *words, env=clean)

@@ -17,35 +17,6 @@ MODES = ["NextStep", "SameStep", "Disabled"]
 SPACES = {"features", "goal", "previous_action", "action_mask"}
 
 
-def transitions(mode, steps):
-    """Returns what each agent lived through: (observation, action, reward, ended how, observation after)."""
-    env = VectorEnv(agents=8, services=2, max_steps=20, autoreset_mode=mode, **DRAWN)
-    lived = [[] for _ in range(env.num_envs)]
-    before, infos = env.reset(seed=5)
-    waits = np.zeros(env.num_envs, bool)
-    for _ in range(steps):
-        actions = towards_goal(before, infos["position"])
-        after, rewards, terminated, truncated, infos = env.step(actions)
-        ended = terminated | truncated
-        for agent in range(env.num_envs):
-            if waits[agent]:
-                continue
-            seen = {name: values[agent] for name, values in after.items()}
-            if ended[agent] and mode == "SameStep":
-                seen = infos["final_obs"][agent]
-            told = infos["final_info"] if ended[agent] and mode == "SameStep" else infos
-            lived[agent].append((*(before[name][agent].tobytes() for name in sorted(before)), int(actions[agent]),
-                                 float(rewards[agent]), bool(terminated[agent]), bool(truncated[agent]),
-                                 *(seen[name].tobytes() for name in sorted(seen)),
-                                 float(told["spl"][agent]) if ended[agent] else None))
-        if mode == "NextStep":
-            waits = ended
-        if mode == "Disabled" and ended.any():
-            after, _ = env.reset(options={"reset_mask": ended})
-        before = after
-    return lived
-
-
 class Spaces(unittest.TestCase):
     def test_observations_fit_the_spaces(self):
         env = VectorEnv(agents=3, services=2, **DRAWN)
@@ -143,13 +114,6 @@ class Steps(unittest.TestCase):
                 nearest[agent] = abs(observation["goal"][agent] - position[agent])
             goal = observation["goal"].copy()
         self.assertGreater(min(ends.values()), 10, "both ends occur")
-
-    def test_agents_live_through_the_same_in_every_autoreset_mode(self):
-        lived = {mode: transitions(mode, 300) for mode in MODES}
-        for mode in MODES:
-            for agent, own in enumerate(lived[mode]):
-                self.assertGreater(len(own), 200)
-                self.assertEqual(own, lived["SameStep"][agent][:len(own)], f"{mode}, agent {agent}")
 
     def test_after_an_end_the_next_step_is_a_reset(self):
         env = VectorEnv(agents=8, max_steps=20, **DRAWN)

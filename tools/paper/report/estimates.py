@@ -12,10 +12,8 @@ from inputs import number
 Bounds = tuple[float, float]
 SHARES: Bounds = (0, 1)
 COUNTS: Bounds = (0, math.inf)
-REWARDS: Bounds = (-1, 1)
-EXCESSES: Bounds = (1, math.inf)
 # Where the figures of a trial can lie; the others are counts.
-BOUNDS = {"completed": SHARES, "spl": SHARES, "reward": REWARDS, "excess": EXCESSES}
+BOUNDS = {"completed": SHARES, "spl": SHARES, "reward": (-1, 1), "excess": (1, math.inf)}
 
 
 @dataclass(frozen=True)

@@ -56,9 +56,9 @@ export function threeDecimals(value: number | null | undefined): string {
 }
 
 /** Fraction as 97.5 % */
-export function percent(value: number | null | undefined, digits = 1): string {
+export function percent(value: number | null | undefined): string {
   if (!known(value)) return NONE;
-  return `${fixed(100 * value, value === 0 || value === 1 ? 0 : digits)} %`;
+  return `${fixed(100 * value, value === 0 || value === 1 ? 0 : 1)} %`;
 }
 
 function minus(text: string): string {
@@ -115,6 +115,6 @@ export function dateTime(seconds: number | null | undefined): string {
   return dated(seconds) ? DATE_TIME.format(seconds * 1000) : NONE;
 }
 
-export function plural(count: number, one: string, many = `${one}s`): string {
-  return `${integer(count)} ${count === 1 ? one : many}`;
+export function plural(count: number, one: string): string {
+  return `${integer(count)} ${one}${count === 1 ? '' : 's'}`;
 }

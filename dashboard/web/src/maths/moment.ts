@@ -5,11 +5,8 @@ import { duration, integer, short } from './format';
 import { axis, type Rows, type XAxis } from './rows';
 import { lowerBound } from './seeds';
 
-/** How far a training was at a moment. */
-export type Moment = RunMoment;
-
 /** Returns how far a run was at a point of an axis: the figures of the nearest update. Returns null if there is none. */
-export function momentAt(rows: Rows, x: XAxis, at: number): Moment | null {
+export function momentAt(rows: Rows, x: XAxis, at: number): RunMoment | null {
   if (rows.length === 0) return null;
   const along = axis(rows, x);
   const after = Math.min(lowerBound(along, at), along.length - 1);
@@ -25,7 +22,7 @@ export function momentName(x: XAxis, at: number): string {
 }
 
 /** Describes a moment on all axes. */
-export function momentText({ update, steps, episodes, wall }: Moment): string {
+export function momentText({ update, steps, episodes, wall }: RunMoment): string {
   return `update ${integer(update)} · ${integer(steps)} steps · ${integer(episodes)} episodes · ${duration(wall)} of training`;
 }
 
@@ -37,7 +34,7 @@ export function pointText(x: XAxis, at: number): string {
 /** Says that a recording does not reach to a point of an axis, and what stands for it. Returns an empty text for one that it has. */
 export function beyondText(x: XAxis, at: number, { first, last }: MomentSpan): string {
   const name = (point: number): string => (x === 'wall' ? duration(point) : `${integer(point)} ${x === 'update' ? 'updates' : x}`);
-  const point = (moment: Moment): number => Number(pointText(x, moment[x]));
+  const point = (moment: RunMoment): number => Number(pointText(x, moment[x]));
   if (at > point(last)) return `The recording of this run ends at ${name(point(last))}, before ${name(at)}: it shows its last update.`;
   if (at < point(first) && first.update > 1) return `The recording of this run begins at ${name(point(first))}, after ${name(at)}: it shows its first update.`;
   return '';

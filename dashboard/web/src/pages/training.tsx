@@ -38,7 +38,7 @@ const PERFORMANCE: Metric[] = [
   { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', unit: '', format: threeDecimals, max: 1 },
   { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of the last 100 episodes', unit: 'steps', format: (v) => fixed(v, 1) },
 ];
-const FORMATS: { [unit: string]: Metric['format'] } = { share: (v) => percent(v), 'steps/s': short };
+const FORMATS: { [unit: string]: Metric['format'] } = { share: percent, 'steps/s': short };
 const AXES = ['update', 'steps', 'episodes', 'wall'];
 const OPTIMISATION: Metric[] = TRAINING_FIGURES.filter(
   ({ name }) => !AXES.includes(name) && !PERFORMANCE.some(({ key }) => key === name),

@@ -6,8 +6,8 @@
 import { computed, effect, signal } from '@preact/signals';
 import { useEffect } from 'preact/hooks';
 import { runPath } from '../api/client';
-import type { Episode, Evaluation, Run } from '../api/types';
-import { beyondText, evaluationUntil, momentAt, pointText, type Moment } from '../maths/moment';
+import type { Episode, Evaluation, Run, RunMoment } from '../api/types';
+import { beyondText, evaluationUntil, momentAt, pointText } from '../maths/moment';
 import type { XAxis } from '../maths/rows';
 import { AXIS, chosen } from '../ui/choice';
 import { changePlayback, playback, playing, spans } from './playback';
@@ -44,7 +44,7 @@ export const beyond = computed(() => {
 const underWay = (): boolean => asked.value || (playback.value?.seeking ?? false) || (heeded.value !== arrivals.value && addressed() !== null);
 
 /** Returns how far a run is where the open recording is; null if none is open, or it has no update by then. */
-function recorded(run: string | null): Moment | null {
+function recorded(run: string | null): RunMoment | null {
   return (run !== null && playback.value?.runs[run]) || null;
 }
 
@@ -129,7 +129,7 @@ export function cursorParams(): Record<string, string> {
 export interface Seen {
   training: Training | undefined;
   /** Null without a cursor, or if the run has no updates. */
-  moment: Moment | null;
+  moment: RunMoment | null;
   /** The moment is not known yet. */
   pending: boolean;
 }

@@ -17,7 +17,7 @@ function placeOf(hash: string): Place {
   return { page, params: new URLSearchParams(query) };
 }
 
-export function hrefOf(page: PageName, params: Record<string, string> = {}): string {
+export function hrefOf(page: PageName, params: Record<string, string> | URLSearchParams = {}): string {
   const query = new URLSearchParams(params).toString();
   return `#/${page}${query ? `?${query}` : ''}`;
 }
@@ -53,8 +53,7 @@ export function setParams(changes: Record<string, string | null>): void {
     if (value === null) next.delete(key);
     else next.set(key, value);
   }
-  const query = next.toString();
-  write(`#/${page}${query ? `?${query}` : ''}`);
+  write(hrefOf(page, next));
   place.value = { page, params: next };
 }
 

@@ -31,8 +31,7 @@ export const alarmedServices = computed(() => known.value.filter((service) => se
 
 const MAX_EVENTS = 500;
 
-async function load<T, U>(path: string, into: typeof about | object, turn: (answer: T) => U): Promise<void> {
-  const target = into as { value: Resource<U> };
+async function load<T, U>(path: string, target: { value: Resource<U> }, turn: (answer: T) => U): Promise<void> {
   try {
     target.value = { state: 'ready', value: turn(await getJson<T>(path)) };
   } catch (error) {

@@ -74,13 +74,12 @@ function useAddress(picture: Picture): string | undefined {
   return address;
 }
 
-function PictureBox({ picture, wanted, alt, caption, waiting }: {
+function PictureBox({ picture, wanted, alt, caption }: {
   picture: Picture;
   /** The frame that was asked for. */
   wanted: number | undefined;
   alt: string;
   caption: string;
-  waiting: string;
 }): JSX.Element {
   const address = useAddress(picture);
   return (
@@ -89,7 +88,7 @@ function PictureBox({ picture, wanted, alt, caption, waiting }: {
         <img src={address} alt={`${alt}, frame ${picture.frame}`} />
       ) : (
         <div class="hint" role="status">
-          {picture.state === 'none' ? picture.text : waiting}
+          {picture.state === 'none' ? picture.text : 'Waiting for the picture'}
         </div>
       )}
       <figcaption class="row between">
@@ -113,12 +112,10 @@ interface PicturesProps {
   /** The topic of what the agent sees. Without it, the picture of the frame is fetched. */
   topic?: string;
   sibling: RunTraversal | undefined;
-  /** Stands where no picture has come yet. */
-  waiting?: string;
 }
 
 /** Shows the pictures of a frame of a traversal and of the same place on a sibling, while they are on the screen. */
-export function Pictures({ on, name, alt, frame, topic, sibling, waiting = 'Waiting for the picture' }: PicturesProps): JSX.Element {
+export function Pictures({ on, name, alt, frame, topic, sibling }: PicturesProps): JSX.Element {
   const room = useRef<HTMLDivElement>(null);
   const visible = useVisible(room);
   const sees = on?.images && topic !== undefined;
@@ -134,7 +131,6 @@ export function Pictures({ on, name, alt, frame, topic, sibling, waiting = 'Wait
         wanted={shown?.sight.frame}
         alt={alt}
         caption={name}
-        waiting={waiting}
       />
       {sibling && (
         <PictureBox
@@ -142,7 +138,6 @@ export function Pictures({ on, name, alt, frame, topic, sibling, waiting = 'Wait
           wanted={shown?.sight.frame}
           alt={`The same place on ${sibling.traversal}`}
           caption={`${sibling.traversal}, same place`}
-          waiting={waiting}
         />
       )}
     </div>
