@@ -9,23 +9,11 @@ from pathlib import Path
 SOURCE, BUILD = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
 sys.path.insert(0, str(SOURCE / "tests/support"))
 from pages import commands
-PROGRAMS = {
-    "env_service": "env_service/env_service",
-    "encoder_service": "encoder_service/encoder_service",
-    "policy_service": "policy_service/policy_service",
-    "dashboard": "dashboard/dashboard",
-    "doctor": "tools/doctor/citylearn_doctor",
-    "record": "tools/record/citylearn_record",
-    "replay": "tools/record/citylearn_replay",
-    "ros2": "tools/ros2/citylearn_ros2",
-    "vpr": "tools/vpr/citylearn_vpr",
-    "export": "tools/export/citylearn_export",
-    "paper": "tools/paper/citylearn_paper",
-}
+# The path in the build folder of each command's program.
+PROGRAMS = dict(re.findall(r"\[([\w-]+)\]=([\w/]+)", (SOURCE / "tools/citylearn/commands.sh").read_text()))
+del PROGRAMS["data"]  # its options are those of its subcommands
 PLUGINS_OF_READERS = ("--mine-", "--a2c-", "--patch_means-", "--photo_log-", "--gru-")  # that the pages have them write
-# What `./run demo` passes on to.
-DEMO = ["env_service", "encoder_service", "policy_service"]
-SERVICES = {"env": "env_service", "encoder": "encoder_service", "policy": "policy_service"}
+DEMO = ["env", "encoder", "policy"]  # what `./run demo` passes options on to
 
 
 def options(command: list[str]) -> set[str]:
@@ -49,10 +37,9 @@ KNOWN["test"] = options([str(SOURCE / "run"), "test", "--help"])
 def program_of(words: list[str]) -> str | None:
     """Returns the program that a command runs; none if it is not one of ours."""
     if words[:1] == ["./run"] and len(words) > 1:
-        return SERVICES.get(words[1], words[1])
+        return words[1]
     name = Path(words[0]).name if words else ""
-    name = name.removeprefix("citylearn_")
-    return name if name in PROGRAMS else None
+    return next((command for command, path in PROGRAMS.items() if Path(path).name == name), None)
 
 
 faults, seen = [], 0

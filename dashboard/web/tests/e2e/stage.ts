@@ -6,6 +6,7 @@ import { join } from 'node:path';
 import { chromium, type Browser, type BrowserContext, type BrowserContextOptions, type Page, type WebSocketRoute } from 'playwright-core';
 import { afterAll, afterEach, beforeAll, inject } from 'vitest';
 import { parseFrame } from '../../src/api/frame';
+import { frameOf } from '../frame';
 import { startDashboard, type Dashboard, type Options } from './programs';
 
 export { api, eventually } from './programs';
@@ -92,20 +93,6 @@ export class Stage {
   }
 }
 
-/** A frame of the WebSocket. */
-interface Message {
-  header: Record<string, unknown>;
-  payload: Uint8Array | Buffer;
-}
-
-function frameOf({ header, payload }: Message): Buffer {
-  const text = JSON.stringify(header);
-  const json = Buffer.from(text.padEnd(text.length + 7 - ((Buffer.byteLength(text) + 3) % 8)));
-  const length = Buffer.alloc(4);
-  length.writeUInt32LE(json.length);
-  return Buffer.concat([length, json, payload]);
-}
-
 const TOLD_AS_JSON = ['services', 'runs', 'events'];
 
 /**
@@ -134,13 +121,13 @@ export async function between(page: Page, told: (json: unknown) => unknown, aske
     server.onMessage((message) => {
       const { topic, header, payload } = parseFrame(new Uint8Array(message as Buffer).buffer);
       const json = TOLD_AS_JSON.includes(topic);
-      socket.send(frameOf({
-        header: { ...(told(header) as object), topic: names.get(topic) ?? topic },
-        payload: json ? Buffer.from(JSON.stringify(told(JSON.parse(Buffer.from(payload).toString())))) : payload,
-      }));
+      socket.send(frameOf(
+        { ...(told(header) as object), topic: names.get(topic) ?? topic },
+        json ? Buffer.from(JSON.stringify(told(JSON.parse(Buffer.from(payload).toString())))) : payload,
+      ));
     });
   });
-  return (topic, json) => sockets.forEach((socket) => socket.send(frameOf({ header: { topic }, payload: Buffer.from(JSON.stringify(json)) })));
+  return (topic, json) => sockets.forEach((socket) => socket.send(frameOf({ topic }, Buffer.from(JSON.stringify(json)))));
 }
 
 /** Returns how far a page is wider than its window. */

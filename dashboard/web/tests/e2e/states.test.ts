@@ -21,16 +21,6 @@ describe('a dashboard that has heard nothing yet', () => {
 describe('what the server refuses', () => {
   const stage = Stage.ofCity();
 
-  it('is told where it would have stood', async () => {
-    const { page } = await stage.page('overview');
-    await page.waitForSelector('.run-card');
-    await page.route('**/evaluations', (route) => route.fulfill({ status: 503, json: { error: 'the store is being repaired' } }));
-    await page.goto(`${stage.url}#/deployment`);
-    await page.locator('.failed', { hasText: 'the store is being repaired' }).waitFor();
-    // The rest of the page is there.
-    await page.locator('#episodes tbody tr').first().waitFor();
-  });
-
   it('is asked for again where it is on its way', async () => {
     const { page } = await stage.page('overview');
     let times = 0;

@@ -1,18 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { FrameError, jsonPayload, parseFrame, sceneOf, trainingColumns } from '../../src/api/frame';
+import { frameOf } from '../frame';
 
-/** A frame as the server makes it; `slack` more bytes of header than they should be. */
-function frame(header: object | string, payload: Uint8Array, slack = 0): ArrayBuffer {
-  let text = typeof header === 'string' ? header : JSON.stringify(header);
-  text += ' '.repeat(((8 - ((4 + text.length) % 8)) % 8) + slack);
-  const bytes = new Uint8Array(4 + text.length + payload.length);
-  new DataView(bytes.buffer).setUint32(0, text.length, true);
-  bytes.set(new TextEncoder().encode(text), 4);
-  bytes.set(payload, 4 + text.length);
-  return bytes.buffer;
-}
-
+const frame = (...given: Parameters<typeof frameOf>): ArrayBuffer => new Uint8Array(frameOf(...given)).buffer;
 const bytesOf = (values: Float64Array | Uint32Array): Uint8Array => new Uint8Array(values.buffer);
 
 describe('parseFrame', () => {
