@@ -60,10 +60,6 @@ def loss_of(source, parameters, batch, entropy_weight, place_weight):
     return policy + VALUE_WEIGHT * value + place_weight * located + oriented - entropy_weight * entropy, figures
 
 
-def number_or_text(text):
-    return int(text) if text.isdigit() else text
-
-
 def print_progress(source):
     progress = source.progress
     print(f"{progress['steps']:,} steps  SPL {progress['spl']:.3f}  {source.actors} actors", flush=True)
@@ -71,7 +67,8 @@ def print_progress(source):
 
 def main():
     given = dict(argument.partition("=")[::2] for argument in sys.argv[1:])
-    options = {"agent": "baseline", **{name: number_or_text(text) for name, text in given.items()}}
+    numbers = {name: int(text) for name, text in given.items() if text.isdigit()}
+    options = {"agent": "baseline", **given, **numbers}
     if options["agent"] not in RECOMMENDED:
         sys.exit(f"torch_actors.py: agent={options['agent']} must be one of {', '.join(RECOMMENDED)}")
     chosen = RECOMMENDED[options["agent"]]

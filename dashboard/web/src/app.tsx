@@ -19,28 +19,19 @@ import { theme, type Theme } from './state/theme';
 import { classes, Guard, Icon, IconButton, toneOf, type IconName } from './ui/basics';
 import { PlaybackBar } from './ui/playback_bar';
 
-const TITLES: Record<PageName, string> = {
-  overview: 'Overview',
-  training: 'Training',
-  route: 'Route',
-  deployment: 'Deployment',
-  recognition: 'Place recognition',
-  compare: 'Compare',
-};
-
-const BODIES: Record<PageName, () => JSX.Element> = {
-  overview: Overview,
-  training: TrainingPage,
-  route: RoutePage,
-  deployment: Deployment,
-  recognition: Recognition,
-  compare: Compare,
+const CONTENTS: Record<PageName, { title: string; Body: () => JSX.Element }> = {
+  overview: { title: 'Overview', Body: Overview },
+  training: { title: 'Training', Body: TrainingPage },
+  route: { title: 'Route', Body: RoutePage },
+  deployment: { title: 'Deployment', Body: Deployment },
+  recognition: { title: 'Place recognition', Body: Recognition },
+  compare: { title: 'Compare', Body: Compare },
 };
 
 export function App(): JSX.Element {
   if (unauthorised.value) return <Login />;
   const { page } = place.value;
-  const Body = BODIES[page];
+  const { title, Body } = CONTENTS[page];
   return (
     <div class="shell">
       <a class="skip" href="#main" onClick={skip}>
@@ -50,7 +41,7 @@ export function App(): JSX.Element {
       <div class="content">
         <Disconnected />
         <main id="main" class="stack" tabIndex={-1}>
-          <PageTitle title={TITLES[page]} />
+          <PageTitle title={title} />
           <Guard key={`${page} ${beginnings.value}`}>
             <Body />
           </Guard>
@@ -104,7 +95,7 @@ function Side({ page }: { page: PageName }): JSX.Element {
         {PAGES.map((name) => (
           <a key={name} class="row" href={hrefOf(name)} aria-current={name === page ? 'page' : undefined}>
             <Icon name={name as IconName} />
-            <span>{TITLES[name]}</span>
+            <span>{CONTENTS[name].title}</span>
             {name === 'overview' && (
               <>
                 <Badge class="badge" count={lostServices.value} what="lost or failed" />

@@ -63,7 +63,7 @@ export function aggregate(curves: readonly Curve[], points = 400, range: Range |
   for (let i = 0; i < rows; ++i) {
     // The ends are exact, so that rounding excludes no curve there.
     const x = i === 0 ? first : i === rows - 1 ? last : first + ((last - first) * i) / (rows - 1);
-    const values = x < begun ? [] : there.map((curve) => valueAt(curve, x)).filter((value): value is number => value !== null);
+    const values = x < begun ? [] : known(there.map((curve) => valueAt(curve, x)));
     band.x.push(x);
     band.count.push(values.length);
     band.mean.push(values.length ? mean(values) : null);
@@ -71,6 +71,11 @@ export function aggregate(curves: readonly Curve[], points = 400, range: Range |
     band.high.push(values.length ? Math.max(...values) : null);
   }
   return band;
+}
+
+/** Returns the values that are known. */
+export function known(values: readonly (number | null | undefined)[]): number[] {
+  return values.filter((value): value is number => typeof value === 'number' && Number.isFinite(value));
 }
 
 export function mean(values: readonly number[]): number {

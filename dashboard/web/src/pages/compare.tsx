@@ -9,7 +9,7 @@ import { dateTime, duration, fixed, integer, percent, plural, short, significant
 import { groupRuns, type Group } from '../maths/groups';
 import { artefactsOf, compareManifests, type Fact } from '../maths/manifest';
 import { meanRate, runName } from '../maths/runs';
-import { deviation, mean, median } from '../maths/seeds';
+import { deviation, known, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
 import { failure, useJsons, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
@@ -62,8 +62,6 @@ function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
     </>
   );
 }
-
-const known = (values: readonly (number | null)[]): number[] => values.filter((value) => value !== null);
 
 /** Statistics over all seeds of a group, whichever runs are chosen. */
 function Groups({ all }: { all: readonly Run[] }): JSX.Element {

@@ -6,6 +6,7 @@ import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
 import { meanRate, runName } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
+import { known } from '../maths/seeds';
 import { useJson, valueOf } from '../state/resource';
 import { playback } from '../state/playback';
 import { hrefOf } from '../state/router';
@@ -87,8 +88,8 @@ function rateOf(rows: Rows | undefined): number | null {
 }
 
 function sum(values: readonly (number | null | undefined)[]): number | null {
-  const known = values.filter((value): value is number => typeof value === 'number' && Number.isFinite(value));
-  return known.length ? known.reduce((a, b) => a + b, 0) : null;
+  const there = known(values);
+  return there.length ? there.reduce((a, b) => a + b, 0) : null;
 }
 
 function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Rows | undefined)[] }): JSX.Element {
@@ -97,7 +98,7 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
   const gone = lostServices.value;
   const alarms = alarmedServices.value;
   const notes = [gone && `${gone} lost or failed`, alarms && plural(alarms, 'alarm')].filter(Boolean).join(', ');
-  const lessons = rows.map((one) => (one ? latest(one, 'lesson') : null)).filter((lesson) => lesson !== null);
+  const lessons = known(rows.map((one) => one && latest(one, 'lesson')));
   const store = valueOf(about.value)?.store;
   const figures: [name: string, value: string, note?: string | false | undefined][] = [
     ['Steps per second', short(sum(running.map((run) => run.steps_per_second)))],

@@ -256,20 +256,18 @@ describe('a link', () => {
   });
 });
 
-describe('colours', () => {
-  it('follow the system until one is chosen, which is remembered', async () => {
-    const { page } = await stage.page('overview', { colorScheme: 'dark' });
-    const shown = (): Promise<string | undefined> => page.evaluate(() => document.documentElement.dataset.theme);
-    const ground = (): Promise<string> => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
-    const dark = await ground();
-    await expect.poll(shown).toBe('dark');
-    await page.getByRole('button', { name: /^Colours/ }).click();
-    await expect.poll(shown).toBe('light');
-    await expect.poll(ground).not.toBe(dark);
-    await page.reload();
-    await page.waitForSelector('h1');
-    await expect.poll(shown).toBe('light');
-  });
+it('colours follow the system until one is chosen, which is remembered', async () => {
+  const { page } = await stage.page('overview', { colorScheme: 'dark' });
+  const shown = (): Promise<string | undefined> => page.evaluate(() => document.documentElement.dataset.theme);
+  const ground = (): Promise<string> => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
+  const dark = await ground();
+  await expect.poll(shown).toBe('dark');
+  await page.getByRole('button', { name: /^Colours/ }).click();
+  await expect.poll(shown).toBe('light');
+  await expect.poll(ground).not.toBe(dark);
+  await page.reload();
+  await page.waitForSelector('h1');
+  await expect.poll(shown).toBe('light');
 });
 
 it('is used by keyboard alone: from the first link to a page and its title', async () => {

@@ -138,11 +138,9 @@ describe('trails', () => {
   });
 });
 
-describe('backOff', () => {
-  it('doubles from half a second to ten, less a little by chance', () => {
-    expect([1, 2, 3, 4, 5, 6, 20].map((n) => backOff(n, 0))).toEqual([500, 1000, 2000, 4000, 8000, 10_000, 10_000]);
-    expect(backOff(1, 1)).toBe(375);
-  });
+it('backs off from half a second to ten, less a little by chance', () => {
+  expect([1, 2, 3, 4, 5, 6, 20].map((n) => backOff(n, 0))).toEqual([500, 1000, 2000, 4000, 8000, 10_000, 10_000]);
+  expect(backOff(1, 1)).toBe(375);
 });
 
 describe('files of a run', () => {
@@ -161,11 +159,9 @@ describe('files of a run', () => {
   });
 });
 
-describe('tags', () => {
-  it('stand between commas, each once', () => {
-    expect(tagsOf(' a, b c ,,a,')).toEqual(['a', 'b c']);
-    expect(tagsOf('')).toEqual([]);
-  });
+it('tags stand between commas, each once', () => {
+  expect(tagsOf(' a, b c ,,a,')).toEqual(['a', 'b c']);
+  expect(tagsOf('')).toEqual([]);
 });
 
 it('traversals of equal contents are two', () => {
