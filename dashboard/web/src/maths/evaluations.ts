@@ -49,14 +49,11 @@ export function newest(list: readonly Evaluation[]): Map<string, Evaluation> {
   return new Map([...checkpoints(list)].map(([name, group]) => [name, group.at(-1) as Evaluation]));
 }
 
-/** Mean SPL by traversal and policy: of agents, on their own and on shuffled frames, and of controls. */
-export interface SplMatrix {
-  policies: string[];
-  rows: { traversal: string; spl: Map<string, number> }[];
-}
-
-/** Returns what a policy_service prints at its end: of each policy its newest checkpoint, the agent's column first. */
-export function splMatrix(list: readonly Evaluation[]): SplMatrix {
+/**
+ * Returns what a policy_service prints at its end: mean SPL by traversal and policy, of agents on their own and on shuffled frames,
+ * and of controls. Of each policy it is that of the newest checkpoint, the agent's column first.
+ */
+export function splMatrix(list: readonly Evaluation[]): { policies: string[]; rows: { traversal: string; spl: Map<string, number> }[] } {
   const columnOf = (one: Evaluation): string => (one.shuffled && !isControl(one) ? `${one.policy}, shuffled frames` : one.policy || 'unknown policy');
   const policies = [...new Set(sortEvaluations(list).map(columnOf))];
   const rows = [...byTraversal(list)].map(([traversal, group]) => {

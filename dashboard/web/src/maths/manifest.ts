@@ -1,14 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Json, Manifest, RunDetail } from '../api/types';
 
-/** Where a run's files are: the host, and their paths there. */
-export interface Artefacts {
-  host: string;
-  paths: string[];
-}
-
-/** Returns what a manifest says of the run's files; null if it says nothing. */
-export function artefactsOf(manifest: Manifest | null): Artefacts | null {
+/** Returns where a manifest says that the run's files are: the host, and their paths there; null if it says nothing. */
+export function artefactsOf(manifest: Manifest | null): { host: string; paths: string[] } | null {
   const said = manifest?.artefacts;
   if (said === null || typeof said !== 'object' || Array.isArray(said)) return null;
   const { host, folder, names } = said;

@@ -9,14 +9,8 @@ export type Recorded = { traversal: string; hash: string | null };
 /** Returns whether both are on one traversal. Two of equal contents have one hash. */
 export const sameTraversal = (a: Recorded, b: Recorded): boolean => a.traversal === b.traversal && a.hash === b.hash;
 
-/** Frames of a traversal: the route of its agents. */
-export interface RoutePart {
-  first: number;
-  count: number;
-}
-
-/** Returns the route of a scene's agents. Without settings it has no frames yet: then that of the run's options. */
-export function routePart(scene: Scene | null, detail: RunDetail, traversal: RunTraversal): RoutePart {
+/** Returns the frames that are the route of a scene's agents. Without settings it has none yet: then those of the run's options. */
+export function routePart(scene: Scene | null, detail: RunDetail, traversal: RunTraversal): { first: number; count: number } {
   if (scene && scene.frames > 0) return { first: scene.first_frame, count: scene.frames };
   const first = manifestNumber(detail, 'first_frame') ?? 0;
   return { first, count: Math.min(manifestNumber(detail, 'frames') ?? traversal.frames, traversal.frames - first) };

@@ -7,6 +7,7 @@ import { live } from '../api/live';
 import { TRAINING_COLUMNS } from '../api/training_figures';
 import type { Run, TrainingAnswer } from '../api/types';
 import { append, noRows, rowsOf, type Rows, type XAxis } from '../maths/rows';
+import type { Range } from '../maths/seeds';
 import { failure, useJsons } from './resource';
 
 export interface Training {
@@ -102,15 +103,8 @@ class Series {
   }
 }
 
-/** The part of a run that is zoomed. */
-export interface Detail {
-  x: XAxis;
-  from: number;
-  to: number;
-}
-
 /** Fetches the rows of these runs in a range of an axis. Returns those that have arrived. */
-export function useDetail(ids: readonly string[], detail: Detail | null): Map<string, Rows> {
+export function useDetail(ids: readonly string[], detail: (Range & { x: XAxis }) | null): Map<string, Rows> {
   const x = detail?.x === 'update' ? 'updates' : detail?.x;
   const query = `columns=${TRAINING_COLUMNS.join(',')}&points=${POINTS}&x=${x}&from=${detail?.from}&to=${detail?.to}`;
   const paths = detail ? ids.map((id) => runPath(id, `/training?${query}`)) : [];
