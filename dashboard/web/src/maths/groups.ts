@@ -67,3 +67,8 @@ export function groupRuns(runs: readonly Run[], by: GroupBy, settings: ReadonlyM
   for (const group of groups) group.runs.sort((a, b) => (a.seed ?? 0) - (b.seed ?? 0));
   return groups;
 }
+
+/** Returns the first group, which has the newest run. One whose runs are known by their episodes alone has no curves, and counts last. */
+export function preferredGroup(groups: readonly Group[]): Group | undefined {
+  return groups.find((group) => group.runs.some((run) => run.policy !== null)) ?? groups[0];
+}

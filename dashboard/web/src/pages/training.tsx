@@ -6,7 +6,7 @@ import { TRAINING_FIGURES } from '../api/training_figures';
 import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
 import { fixed, percent, short, significant, threeDecimals } from '../maths/format';
-import type { Group } from '../maths/groups';
+import { preferredGroup, type Group } from '../maths/groups';
 import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
@@ -72,7 +72,8 @@ function shownGroups(groups: readonly Group[]): Group[] {
   }
   const run = params.get('runs');
   const found = groups.filter((group) => (run ? group.runs.some((one) => one.id === run) : false));
-  return found.length ? found : groups.slice(0, 1);
+  const first = preferredGroup(groups);
+  return found.length || !first ? found : [first];
 }
 
 /** Returns the part of the horizontal axis that the address names; null: all of it. */

@@ -2,7 +2,7 @@
 import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
 import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
-import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
+import { groupRuns, namesakes, preferredGroup, settingsOf } from '../../src/maths/groups';
 import { meanRate, preferredRun, runName, tagsOf } from '../../src/maths/runs';
 import { artefactsOf, compareManifests } from '../../src/maths/manifest';
 import { routePart, sameTraversal, sceneText } from '../../src/maths/scene';
@@ -36,6 +36,12 @@ it('preferredRun: the newest in a state, one without a policy_service last', () 
   expect(preferredRun([stray, ended, running], 'running')).toBe(running);
   expect(preferredRun([stray, running, ended], 'ended')).toBe(ended);
   expect(preferredRun([stray, ended], 'running')).toBe(stray);
+});
+
+it('curves are first those of the newest run of which more than episodes is known', () => {
+  const unknown = { ...run('c', 1, ''), policy: null };
+  expect(preferredGroup(groupRuns([unknown, run('b', 1, 'x')], 'sweep'))?.runs[0]?.session).toBe('b');
+  expect(preferredGroup(groupRuns([unknown], 'sweep'))?.runs).toEqual([unknown]);
 });
 
 describe('seeds of one setting', () => {
