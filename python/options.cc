@@ -89,6 +89,12 @@ RecordingOptions read_recording_options(const Keywords& keywords) {
   return options;
 }
 
+/// Returns whether services announce a recording as `name`, where actions slip too.
+bool announced(const std::string& recording, const std::string& name) {
+  const std::string own = name_from(recording);
+  return name == own || name.starts_with(own + "-slip");
+}
+
 /// Returns the options given, and those of the training for what they leave out.
 Keywords with_training(const Keywords& given, const TrainingData& learned) {
   if (!learned.known()) return given;
@@ -109,7 +115,7 @@ Keywords with_training(const Keywords& given, const TrainingData& learned) {
   }
   for (const auto& [name, value] : given) all[name] = value;
   if (!all.contains("condition")) all.emplace("traversal", first.traversal);
-  if (const auto found = all.find("align_to"); found != all.end() && name_from(found->second) == all["traversal"])
+  if (const auto found = all.find("align_to"); found != all.end() && announced(found->second, all["traversal"]))
     for (const char* name : {"align_to", "align_by", "align_within"}) all.erase(name);
   return all;
 }
@@ -118,7 +124,7 @@ Keywords with_training(const Keywords& given, const TrainingData& learned) {
 std::optional<std::string> find_name(Dataset& dataset, const std::string& name) {
   const std::vector<std::string> names = dataset.names();
   if (std::find(names.begin(), names.end(), name) != names.end()) return name;
-  const auto found = std::find_if(names.begin(), names.end(), [&](const auto& one) { return name_from(one) == name; });
+  const auto found = std::find_if(names.begin(), names.end(), [&](const auto& one) { return announced(one, name); });
   return found == names.end() ? std::nullopt : std::optional(*found);
 }
 std::string name_in(Dataset& dataset, const std::string& name) { return find_name(dataset, name).value_or(name); }

@@ -55,6 +55,12 @@ class AgentNetwork {
   /// forward() with the same arguments. No gradient flows into `state`.
   virtual void backward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Workspace<S>& workspace,
                         const Heads<S>& derivative, Vector<S>& gradient) const = 0;
+  /// Adds to `gradient` for what the network learns beside the loss: its model of the world, from what happened in
+  /// training. The heads' derivatives do not reach these parameters.
+  virtual void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,
+                                  Vector<S>& gradient) const {
+    static_cast<void>(parameters), static_cast<void>(inputs), static_cast<void>(gradient);
+  }
 
   std::ptrdiff_t parameter_count() const {
     return tensors().back().offset + tensors().back().rows * tensors().back().cols;

@@ -9,6 +9,9 @@
 
 namespace citylearn {
 
+/// What is less likely than this is never the case. Logarithms of floats reach a little further.
+constexpr float kImpossible = 1e-30f;
+
 /// Moves a belief b over the N places of a route by an action, in a world that may be imperfect
 /// (docs/how-to/try-an-imperfect-world.md). A is the action's transition matrix in a perfect world:
 ///   (1 - k) ((1 - p) A b + p / 2 (b + A A b)) + k / N,
@@ -30,6 +33,7 @@ class Motion {
 
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
+  void set_slip(S slip) { slip_ = slip; }
 
   /// to = A from, with `nothing` at the place that nothing moves to.
   template <class From, class To>
@@ -76,15 +80,17 @@ class Motion {
   /// Moves scores, whose softmax is the belief. Places of probability 0 get `never`.
   template <class From, class To>
   void move_scores(std::uint8_t action, const From& from, To&& to, S never) {
-    if (exact()) {
-      shift(action, from, to, never);
-      return;
-    }
+    if (exact()) return shift(action, from, to, never);
     odds_ = (from.array() - from.maxCoeff()).exp();
     odds_ /= odds_.sum();
-    moved_.resize(odds_.size());
-    move(action, odds_, moved_);
-    to = (moved_.array() > 0).select(moved_.array().log(), never);
+    move_belief(action, odds_, to, never);
+  }
+  /// Does the same for the belief itself, where the motion is not exact().
+  template <class From, class To>
+  void move_belief(std::uint8_t action, const From& from, To&& to, S never) {
+    moved_.resize(from.size());
+    move(action, from, moved_);
+    to = (moved_.array() > S(kImpossible)).select(moved_.array().log(), never);
   }
   /// Returns the belief after the last move_scores(); only where the motion is not exact().
   const Vector<S>& moved() const { return moved_; }

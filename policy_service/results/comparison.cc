@@ -26,6 +26,8 @@ const std::vector<std::string> kTrainingFigures = {
     "episodes", "steps", "wall_s", "steps_per_s", "reward", "spl", "episodes_to_spl95", "wall_s_to_spl95"};
 const std::vector<std::string> kScoreFigures = {"completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"};
 
+constexpr const char* kUnlearned = "sequence_filter";
+
 double number_or_nan(const Json& value) {
   return value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
 }
@@ -115,6 +117,23 @@ std::string markdown(const std::vector<Cells>& rows) {
     text += "|\n";
   }
   return text;
+}
+
+/// Returns what the agent gained over sequence_filter, which learns nothing: the differences of all figures, run by
+/// run.
+std::vector<RunGroup::Row> gains(const RunGroup& group) {
+  std::vector<RunGroup::Row> rows;
+  for (const RunGroup::Row& own : group.rows) {
+    if (own.policy != group.agent || group.agent == kUnlearned) continue;
+    const auto filter = std::find_if(group.rows.begin(), group.rows.end(), [&own](const RunGroup::Row& row) {
+      return row.policy == kUnlearned && row.traversal == own.traversal;
+    });
+    if (filter == group.rows.end() || filter->figures.at("spl").size() != own.figures.at("spl").size()) continue;
+    RunGroup::Row& row = rows.emplace_back(RunGroup::Row{"gained by learning", own.traversal, own.figures});
+    for (auto& [figure, values] : row.figures)
+      for (std::size_t run = 0; run < values.size(); ++run) values[run] -= filter->figures.at(figure)[run];
+  }
+  return rows;
 }
 
 }  // namespace
@@ -227,7 +246,9 @@ std::string tables(const std::vector<RunGroup>& groups) {
                                   "s to SPL .95", "training s", "steps/s"}};
   std::set<Cells> known;  // the controls walk the same tasks in each run of the same seeds: once is enough
   for (const RunGroup& group : groups) {
-    for (const RunGroup::Row& row : group.rows) {
+    std::vector<RunGroup::Row> rows = gains(group);
+    rows.insert(rows.begin(), group.rows.begin(), group.rows.end());
+    for (const RunGroup::Row& row : rows) {
       const bool agent = row.policy == group.agent;
       Cells cells = {row.policy == "shuffled" ? group.agent + ", shuffled" : row.policy,
                      agent && !group.learner.empty() ? group.learner : "-",

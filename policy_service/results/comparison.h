@@ -39,7 +39,8 @@ RunGroup join(const std::vector<RunGroup>& runs);
 /// Returns the text of sweep.json; `failed` says why, by seed.
 std::string sweep_json(const RunGroup& group, const std::map<std::uint64_t, std::string>& failed);
 
-/// Returns Markdown tables of several groups side by side: median (lowest..highest) of each figure.
+/// Returns Markdown tables of several groups side by side: median (lowest..highest) of each figure. Where there is
+/// sequence_filter, which learns nothing, also how much the agent differs from it in the same run.
 std::string tables(const std::vector<RunGroup>& groups);
 /// Returns the same for folders with a sweep.json or a summary.json, or these files. Throws Error naming the one that
 /// is neither.

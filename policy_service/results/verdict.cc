@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <map>
 #include <optional>
+#include <regex>
 #include <tuple>
 
 #include "core/command_line/wrap.h"
@@ -175,12 +176,34 @@ std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& ro
   return text;
 }
 
+std::string take_world(std::vector<ScoreRow>& rows, VerdictOptions& options) {
+  // As env_service/imperfections.cc writes them.
+  static const std::regex kWorld("-((slip|drop|kidnap|blur|uneven)[0-9].*)$");
+  std::string world;
+  for (const ScoreRow& row : rows) {
+    std::smatch found;
+    if (!std::regex_search(row.traversal, found, kWorld) || (!world.empty() && found[1] != world)) return "";
+    world = found[1];
+  }
+  if (world.empty()) return "";
+  const auto without = [&world](const std::string& name) {
+    return name.ends_with("-" + world) ? name.substr(0, name.size() - world.size() - 1) : name;
+  };
+  for (ScoreRow& row : rows) row.traversal = without(row.traversal);
+  for (std::string& name : options.trained_on) name = without(name);
+  std::map<std::string, Pairing> pairings;
+  for (const auto& [name, pairing] : options.pairings) pairings[without(name)] = pairing;
+  options.pairings = pairings;
+  return world;
+}
+
 std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows, const VerdictOptions& options) {
   const Table table = table_of(rows), completed = table_of(rows, &Score::completed, 100);
   if (table.size() < 2) return "";
   std::map<std::tuple<bool, Fault, Cause>, Group> groups;
   bool looks = true;
   std::vector<double> gains;  // of learning, where the agent finds its way
+  std::vector<std::string> gained;
   for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
     const auto own = find(table, agent, traversal), shuffled = find(table, "shuffled", traversal);
     if (!own) continue;
@@ -196,6 +219,7 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
     Cause cause = fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, pairing);
     if (cause == Cause::kAgent && options.unchecked) cause = Cause::kUnchecked;
     if (fault == Fault::kNone && filter && !trained && agent != "sequence_filter") gains.push_back(*own - *filter);
+    if (filter) gained.push_back(fmt::format("{:+.3f} in {}", *own - *filter, traversal));
     Group& group = groups[{trained, fault, cause}];
     group.traversals.push_back(traversal);
     group.own.push_back(*own);
@@ -218,7 +242,7 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
                                       "way. Learning pays where actions slip "
                                       "(docs/how-to/try-an-imperfect-world.md).",
                                       agent)
-                        : fmt::format("Learning gained up to {:.3f} SPL over sequence_filter.", most)) +
+                        : fmt::format("Learning gained SPL over sequence_filter: {}.", fmt::join(gained, ", "))) +
             "\n";
   }
   if (!looks) text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";

@@ -21,6 +21,10 @@ struct VerdictOptions {
   bool unchecked = false;                   ///< whether the agent learned from such features is not known
 };
 
+/// Takes what the names of traversals tell of an imperfect world off them, where all tell the same. Returns it:
+/// "slip0.1"; empty where the names stay.
+std::string take_world(std::vector<ScoreRow>& rows, VerdictOptions& options);
+
 /// Returns, in words, how the agent does on each traversal compared with the controls among `rows`, why it fails as far
 /// as the controls tell, and what to try. Each line ends with a line break. Empty when there are no rows of others to
 /// compare with.

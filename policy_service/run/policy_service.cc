@@ -53,15 +53,16 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
   if (!options.output.empty())
     write_file(options.output + "/summary.json",
                summary_json(context.options, training ? &training->report() : nullptr, evaluation.rows()));
-  const auto& rows = evaluation.rows();
+  std::vector<ScoreRow> rows = evaluation.rows();
+  VerdictOptions known = {.trained_on = training ? options.train : evaluation.data().names(),
+                          .pairings = evaluation.pairings(),
+                          .unchecked = !options.checkpoint.empty() && !evaluation.data().known()};
+  const std::string world = take_world(rows, known);
   const bool compares =
       std::any_of(rows.begin(), rows.end(), [&](const ScoreRow& row) { return row.policy != rows.front().policy; });
   std::cout << (compares ? spl_matrix(context.options.agent, rows) : table(rows))
-            << verdict(context.options.agent, rows,
-                       {.trained_on = training ? options.train : evaluation.data().names(),
-                        .pairings = evaluation.pairings(),
-                        .unchecked = !options.checkpoint.empty() && !evaluation.data().known()})
-            << std::flush;
+            << (world.empty() ? "" : "All of it is imperfect: " + world + " (docs/how-to/try-an-imperfect-world.md).\n")
+            << verdict(context.options.agent, rows, known) << std::flush;
   if (!options.output.empty()) spdlog::info("wrote {}/summary.json", options.output);
   context.leave();
   return 0;

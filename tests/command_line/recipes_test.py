@@ -156,14 +156,21 @@ class Recipes(CommandLine):
         self.assertIn("rank", log.read_text())
 
     def test_an_imperfect_world(self):
-        encoder, *envs, policy = self.take("try-an-imperfect-world", "encoder_service &", "env_service --traversal summer",
-                                           "env_service --traversal winter &", "env_service --traversal winter --slip",
-                                           "policy_service --train summer --evaluate winter,winter-slip")
+        encoder, *envs, policy, demo = self.take("try-an-imperfect-world", "encoder_service &", "env_service --traversal summer",
+                                                 "env_service --traversal winter &", "env_service --traversal winter --slip",
+                                                 "policy_service --train summer --evaluate winter,winter-slip", "./run demo --slip")
         self.start(*encoder)
         for words in envs:
             self.start(*words, *SHORT_CITY)
         self.learn(policy, "--output", "out")
         self.assertEqual(sorted(self.results("out")), ["winter", "winter-slip0.1-drop0.1-kidnap1"])
+        demo[demo.index("1..5")] = "1..2"
+        said = self.run_command(*demo, "--no-dashboard", "--frames", "0:64", "--evaluate", "summer,fall", "--tasks", "200",
+                                "--output", "slips")
+        self.assertRegex(said, r"\nfall +0\.9")
+        self.assertRegex(said, r"All of it is imperfect: slip0\.1 ")
+        self.assertRegex(said, r"Learning gained SPL over sequence_filter: \+0\.\d+ in")
+        self.assertRegex(said, r"gained by learning .* fall-slip0\.1 +\| 2 +\|[^|]+\| 0\.\d+")
 
     def test_recordings_of_ones_own(self):
         self.write_recordings()

@@ -65,6 +65,7 @@ def write_features(folder):
 
 KINDS = {
     "drawn city": None,
+    "drawn city that slips": None,
     "pictures": lambda folder: write_pictures(folder, "{:03}.ppm".format),
     "films": write_films,
     "features": write_features,
@@ -79,6 +80,11 @@ class SameFigures(unittest.TestCase):
         (folder / "data").mkdir()
         data = ["--synthetic-frames", str(RECORDED)]
         found = {"synthetic_frames": RECORDED}
+        self.named = ""
+        if kind.endswith("that slips"):
+            data += ["--slip", "0.1"]
+            found["slip"] = 0.1
+            self.named = "-slip0.1"
         if KINDS[kind]:
             KINDS[kind](folder / "data")
             data = ["--data", str(folder / "data")]
@@ -95,7 +101,7 @@ class SameFigures(unittest.TestCase):
         checkpoint = max((folder / "run/checkpoints").glob("checkpoint-*.clk"), key=lambda path: path.stat().st_mtime)
 
         refused = self.on_services(checkpoint, data, "as_in_the_readme", 1)
-        self.assertRegex(refused, rf"env_service 'env-\w+' on '\w+', for {checkpoint}: has .*--frames {frames}")
+        self.assertRegex(refused, rf"env_service 'env-\w+' on '\w+{self.named}', for {checkpoint}: has .*--frames {frames}")
         self.assertNotIn("Train longer", refused)
         self.on_services(checkpoint, [*data, "--frames", frames], "services", 0)
         figures["services"] = json.loads((folder / "services/summary.json").read_text())["evaluate"]
@@ -107,7 +113,8 @@ class SameFigures(unittest.TestCase):
         for where, file, more in (("Python", checkpoint, {}), ("exported", model, {}), ("by hand", by_hand, found)):
             scores = citylearn.evaluate(citylearn.load_policy(file), traversals=LOOKS, tasks=TASKS, **more)
             figures[where] = {traversal: {"spl": score.spl} for (_, traversal), score in scores.items()}
-        return {where: {look: round(scores[look]["spl"], 9) for look in LOOKS} for where, scores in figures.items()}
+        return {where: {look: round(scores[look + self.named]["spl"], 9) for look in LOOKS}
+                for where, scores in figures.items()}
 
     def call(self, command, status):
         done = subprocess.run(command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -120,12 +127,12 @@ class SameFigures(unittest.TestCase):
         services = [subprocess.Popen([BUILD / "env_service/env_service", *data, f"--traversal={look}", "--linger=0",
                                       f"--id=env-{look}", "--log-level=warn"], env=self.environment)
                     for look in LOOKS]
-        services.append(subprocess.Popen([BUILD / "encoder_service/encoder_service", "--log-level=warn"],
-                                         env=self.environment))
+        services.append(subprocess.Popen([BUILD / "encoder_service/encoder_service", f"--reference=summer{self.named}",
+                                          "--log-level=warn"], env=self.environment))
         try:
             return self.call([BUILD / "policy_service/policy_service", "--mode=evaluate", f"--checkpoint={checkpoint}",
-                              f"--evaluate={','.join(LOOKS)}", f"--tasks={TASKS}", "--controls=blind", "--wait=60",
-                              f"--output={self.folder / output}"], status)
+                              f"--evaluate={','.join(look + self.named for look in LOOKS)}", f"--tasks={TASKS}",
+                              "--controls=blind", "--wait=60", f"--output={self.folder / output}"], status)
         finally:
             for service in services:
                 service.terminate()

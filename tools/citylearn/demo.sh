@@ -38,6 +38,8 @@ What it runs on
 What it trains
   --seed N             seed of all randomness (default 1)
   --seeds 1..5         one run for each seed, then medians and spreads
+  --slip P             actions slip with probability P, in training too, which
+                       the filters are not told: where learning pays
   --time-limit S       ends training after S seconds
   --resume             continues with the newest checkpoint in --output
   Any other option is passed unchanged to the policy_service
@@ -249,14 +251,14 @@ needs() { [ $# -ge 2 ] && [[ $2 != --* ]] || fail "$1 needs a value"; }
 
 demo() {
   local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
-  local plugins='' aligning=() notes=()
+  local plugins='' aligning=() notes=() slip='' world=() named=''
   local dashboard=yes port=0 wait=yes asked=("$@")
   while [ $# -gt 0 ]; do
     case $1 in
-      --data|--dataset|--train|--evaluate|--frames|--middleware|--output|--port)
+      --data|--dataset|--train|--evaluate|--frames|--middleware|--output|--port|--slip)
         needs "$@"
         declare "${1#--}=$2"; shift 2 ;;
-      --data=*|--dataset=*|--train=*|--evaluate=*|--frames=*|--middleware=*|--output=*|--port=*)
+      --data=*|--dataset=*|--train=*|--evaluate=*|--frames=*|--middleware=*|--output=*|--port=*|--slip=*)
         local name=${1%%=*}; declare "${name#--}=${1#*=}"; shift ;;
       --encoder|--dimension|--centring|--whitening|--model|--layer|--preset|--head|--store)
         needs "$@"
@@ -333,10 +335,13 @@ demo() {
   look_at() {
     local shown same=()
     [ "$1" = "$route" ] || [ ${#aligning[@]} -eq 0 ] || same=(--align-to "$route" "${aligning[@]}")
-    shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" "${same[@]}" --show) || return 1
+    shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" "${same[@]}" "${world[@]}" --show) || return 1
     dataset=$(sed -n 's/^dataset //p' <<<"$shown")
     kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
+    # What traversals are called beyond their own name, where they are imperfect.
+    named=$(sed -nE 's/^traversal .*(-slip[0-9.e-]+)$/\1/p' <<<"$shown")
   }
+  [ -z "$slip" ] || world=(--slip "$slip")
   local kind length; look_at "$route" || exit 1
   local images=$kind whole=$length shortest=$length name
   [ -n "$frames" ] || [ ${#aligning[@]} -eq 0 ] || part=(--frames "0:$((length < count ? length : count))")
@@ -379,17 +384,19 @@ demo() {
     # What is evaluated is the same for any number of agents, and with more of them a step costs less on the wire.
     [[ ,$train, == *",$traversal,"* ]] || hosted=$((agents < 32 ? 32 : agents))
     start "env-$traversal" \
-      "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" --agents "$hosted" "${recorders[@]}"
+      "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" "${world[@]}" --agents "$hosted" \
+      "${recorders[@]}"
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
   # Checkpoints carry how the data were found and encoded.
   [ "$aligned" = no ] || aligning=(--align-to "$route" "${aligning[@]}")
-  encoding=(--reference "$route" "${encoding[@]}")
+  encoding=(--reference "$route$named" "${encoding[@]}")
   [ "$images" = yes ] || encoding=()
   local found=()
-  mapfile -d '' -t found < <(as_source "${source[@]}" --dataset "$dataset" "${part[@]}" "${aligning[@]}" "${encoding[@]}")
+  source+=(--dataset "$dataset" "${world[@]}")
+  mapfile -d '' -t found < <(as_source "${source[@]}" "${part[@]}" "${aligning[@]}" "${encoding[@]}")
   [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" "${encoding[@]}"
-  "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --wait 60 \
-    "${found[@]}" --output "$output" "${pass[@]}" &
+  "$policy" "${wire[@]}" --mode train --train "${train//,/$named,}$named" --evaluate "${evaluate//,/$named,}$named" \
+    --frames "0:$count" --wait 60 "${found[@]}" --output "$output" "${pass[@]}" &
   running[policy_service]=$!
 
   local status=0

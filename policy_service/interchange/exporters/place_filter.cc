@@ -6,17 +6,54 @@
 
 #include "policy_service/interchange/exporters/places.h"
 #include "policy_service/network/layers.h"
+#include "policy_service/network/motion.h"
 
 namespace citylearn {
 namespace {
 
 using namespace place_filter;
 
+/// Returns the scores `before` (batch x N) after the previous action, as Motion does.
+OnnxValue moved_scores(AgentGraph& graph, const Parameters& parameters, const OnnxValue& before) {
+  const std::ptrdiff_t places = graph.agent().task.frames;
+  const float kidnap = static_cast<float>(parameters["kidnap"]);
+  const float slip = parameters["slip"] < 0 ? static_cast<float>(learned_slip(graph.tensor("filter.slip")(0)))
+                                            : static_cast<float>(parameters["slip"]);
+  const bool exact = slip == 0 && kidnap == 0;
+  const OnnxValue from = exact ? before : softmax(before), previous = graph.previous_action();
+  const OnnxValue nothing = 0 * graph.columns(from, 0, 1) + (exact ? kNever : 0);
+  const auto done = [&](int action, const OnnxValue& where) {
+    return graph.stretched(graph.columns(previous, action, action + 1), places) * where;
+  };
+  const auto shifted = [&](int action, const OnnxValue& where) {
+    return action == kNext ? graph.concat({nothing, graph.columns(where, 0, places - 1)})
+                           : graph.concat({graph.columns(where, 1, places), nothing});
+  };
+  Matrix<float> moving(1, kActions);
+  moving << 0, 1, 1;
+  OnnxValue moved = graph.stretched(-1 * graph.linear(previous, "moving", moving) + 1, places) * from;
+  for (const int action : {kNext, kPrevious}) {
+    const OnnxValue once = shifted(action, from);
+    if (exact) {
+      moved = moved + done(action, once);
+      continue;
+    }
+    const std::ptrdiff_t last = action == kNext ? places - 1 : 0;  // where a second step comes to nothing
+    const OnnxValue stays =
+        graph.linear(graph.columns(once, last, last + 1), "end", Matrix<float>::Identity(places, places).col(last));
+    const OnnxValue slipped = from + shifted(action, once) + stays;
+    moved = moved + done(action, (1 - slip) * once + slip / 2 * slipped);
+  }
+  if (exact) return moved;
+  moved = (1 - kidnap) * moved + kidnap / static_cast<float>(places);
+  constexpr float kLeast = std::numeric_limits<float>::min();  // has a logarithm
+  const OnnxValue impossible = relu(-1 / kImpossible * moved + 1);
+  const OnnxValue scores = log(moved + kLeast) + (kNever - std::log(kLeast)) * impossible;
+  return graph.stretched(-1 * graph.first() + 1, places) * scores;
+}
+
 /// Exports what network/agents/place_filter.cc computes.
 std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, const TrainedAgent& agent) {
-  if (parameters["slip"] != 0 || parameters["kidnap"] != 0)
-    throw Error("was told of slips or kidnappings, and models know a perfect world only", "network 'place_filter'",
-                "let its parameters leave as safetensors");
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::ptrdiff_t places = agent.task.frames;
   const auto scalars = graph->tensor("filter.scalars");
@@ -26,16 +63,7 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
 
   // Scores, moved by the previous action; all alike at an episode's start.
   const OnnxValue state = graph->state(), before = graph->columns(state, 0, places);
-  const OnnxValue previous = graph->previous_action();
-  const auto moved_by = [&](int action, const OnnxValue& scores) {
-    return graph->stretched(graph->columns(previous, action, action + 1), places) * scores;
-  };
-  const OnnxValue never = 0 * graph->columns(before, 0, 1) + kNever;
-  const OnnxValue forward = graph->concat({never, graph->columns(before, 0, places - 1)});
-  const OnnxValue back = graph->concat({graph->columns(before, 1, places), never});
-  Matrix<float> moving(1, kActions);
-  moving << 0, 1, 1;
-  const OnnxValue stayed = graph->stretched(-1 * graph->linear(previous, "moving", moving) + 1, places) * before;
+  const OnnxValue moved = moved_scores(*graph, parameters, before);
 
   // What is seen, and what is excluded: linear in what is allowed (places x actions: 1 = excluded where it is allowed).
   Matrix<float> excluded = Matrix<float>::Zero(places, kActions);
@@ -52,14 +80,14 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
   const OnnxValue step = graph->columns(state, places, places + 1) - graph->first() + 1;
   const OnnxValue tempered = exp(-1 * log(scalar(kTempering) * step + 1));
   const OnnxValue similarity = place_similarity(*graph);
-  const OnnxValue scores = stayed + moved_by(kNext, forward) + moved_by(kPrevious, back) +
-                           scalar(kEvidence) * graph->stretched(tempered, places) * similarity +
+  const OnnxValue scores = moved + scalar(kEvidence) * graph->stretched(tempered, places) * similarity +
                            graph->linear(graph->allowed(), "excluded.weight", -kExclusion * excluded, "excluded.bias",
                                          -kExclusion * otherwise) +
                            -kExclusion * by_goal.at;
   const OnnxValue belief = softmax(scores);
 
   // Decision head.
+  const OnnxValue previous = graph->previous_action();
   const auto mass = [&](const OnnxValue& where) { return row_sum(*graph, where, places); };
   const OnnxValue distance = relu(by_goal.ahead) + relu(-1 * by_goal.ahead);
   const OnnxValue weighed = belief * exp(-scalar(kNearness) * log(distance + by_goal.at));

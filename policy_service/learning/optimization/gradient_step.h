@@ -33,7 +33,10 @@ class GradientStep {
       return workspace_->heads;
     }
     const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
-    void backward() { network_->backward(*parameters_, inputs, *workspace_, derivative, *gradient_); }
+    void backward() {
+      network_->backward(*parameters_, inputs, *workspace_, derivative, *gradient_);
+      network_->add_model_gradient(*parameters_, inputs, *gradient_);
+    }
 
    private:
     friend class GradientStep;

@@ -23,8 +23,8 @@ using namespace place_filter;
 ///
 /// The belief p over the N places is uniform at an episode's start, and kept as scores l, p = softmax(l). Each step, t
 /// steps into the episode:
-///   l moves by the previous action (what falls off is dropped, what enters is excluded; see Motion where the world is
-///   told to be imperfect),
+///   l moves by the previous action (what falls off is dropped, what enters is excluded; see Motion where actions
+///   slip),
 ///   l_i += s / (1 + h t) (x . K_i), with the K_i most like x where the place was experienced several times, and l_i -=
 ///   kExclusion for the goal (standing there would have ended the episode) and wherever the actions allowed would be
 ///   others.
@@ -45,6 +45,9 @@ using namespace place_filter;
 /// network: Karkus, Hsu & Lee, 2017), on a route of any length. s, h, g, u and d are learned too. The state is l,
 /// then t.
 ///
+/// How often actions slip is learned unless it is told: the likeliest by where actions led in training, where each
+/// step's place is known (add_model_gradient()). No reward has a say in it, so it is an estimate of the world.
+///
 /// On a map (task.turns) the action `stay` moves the belief along the turns, and the head's first two inputs are what
 /// they are on a line in other words: 2 P(next leads nearer to the goal), 2 P(previous does); 2 P(turning does) comes
 /// last, and the masses by distance are zero. All places are in use then.
@@ -58,11 +61,14 @@ class PlaceFilter : public AgentNetwork<S> {
         mirror_(mirrored_inputs(inputs_)),
         keys_(task.reference, task.features, task.frames),
         turns_(task.turns),
-        motion_(parameters, task.turns) {
+        motion_(parameters, task.turns),
+        kidnap_(static_cast<S>(parameters["kidnap"])) {
     check_turns(turns_, places_);
     if (!turns_.empty()) find_ways();
     log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
+    learns_slip_ = parameters["slip"] < 0;
     scalars_ = layout_.add("filter.scalars", kScalars, 1);
+    if (learns_slip_) slip_ = layout_.add("filter.slip", 1, 1);
     weights1_ = layout_.add("head.1.weight", units_, inputs_);
     bias1_ = layout_.add("head.1.bias", units_, 1);
     weights2_ = layout_.add("head.2.weight", units_, units_);
@@ -73,6 +79,8 @@ class PlaceFilter : public AgentNetwork<S> {
 
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = Motion<S>::parameters();
+    specs[0].help += "; -1: learned";
+    specs[0].default_value = specs[0].minimum = -1;
     specs.push_back({"units", "units of each of the head's two layers", 64, 1, 4096, true});
     return specs;
   }
@@ -93,6 +101,8 @@ class PlaceFilter : public AgentNetwork<S> {
     begin_with(kNearness, 0.6);
     begin_with(kTurning, 0.3);
     begin_with(kDirectness, 2);
+    if (learns_slip_)
+      layout_.view(parameters, slip_)(0) = static_cast<S>(std::log(kFirstSlip / (1 - kFirstSlip)) / kStretch);
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights1_));
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights2_));
     orthogonal<S>(random, 1, layout_.view(parameters, weights3_));
@@ -104,7 +114,9 @@ class PlaceFilter : public AgentNetwork<S> {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
     for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
-    if (!motion_.exact()) work.moved.setOnes(places_, columns);
+    if (learns_slip_) work.motion.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
+    const bool exact = work.motion.exact();
+    if (!exact) work.moved.setOnes(places_, columns);
     work.head_input.setZero(inputs_, 2 * columns);
     work.step.resize(columns);
     const Scalars s = scalars(parameters);
@@ -123,10 +135,13 @@ class PlaceFilter : public AgentNetwork<S> {
         work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
         work.step(column) = state(places_, column) + 1;
       } else {
-        work.motion.move_scores(previous, work.score.col(column - agents), score, kNever);
+        if (exact)
+          work.motion.shift(previous, work.score.col(column - agents), score, kNever);
+        else
+          work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
         work.step(column) = work.step(column - agents) + 1;
       }
-      if (!motion_.exact() && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
+      if (!exact && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
       score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
       exclude(inputs.goal[index], inputs.frames, allowed, S(kExclusion), score);
       auto belief = work.belief.col(column);
@@ -251,12 +266,12 @@ class PlaceFilter : public AgentNetwork<S> {
       ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
       if (column < agents || inputs.first[index]) continue;
       auto by_before = work.by_score.col(column - agents);
-      if (motion_.exact()) {
-        motion_.unshift(previous, by_score, by_before);
+      if (work.motion.exact()) {
+        work.motion.unshift(previous, by_score, by_before);
         continue;
       }
       const auto moved = work.moved.col(column).array();
-      work.column = (moved > 0).select(by_score.array() / moved, S(0));
+      work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
       const auto from = work.belief.col(column - agents);
       work.motion.unmove(previous, work.column, work.by_moved);
       by_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
@@ -270,7 +285,30 @@ class PlaceFilter : public AgentNetwork<S> {
     learn(kDirectness, s.directness, ds.directness);
   }
 
+  void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,
+                          Vector<S>& gradient) const override {
+    if (!learns_slip_) return;
+    const S p = learned_slip(layout_.view(parameters, slip_)(0)), anywhere = kidnap_ / static_cast<S>(inputs.frames);
+    const std::size_t agents = static_cast<std::size_t>(inputs.agents), columns = inputs.goal.size();
+    S by_slip = 0;  // of the sum of -log P(where an action led)
+    for (std::size_t column = agents; column < columns; ++column) {
+      if (inputs.first[column]) continue;
+      const int here = inputs.position[column - agents], goal = inputs.goal[column - agents];
+      const auto leads = [&](int times, int where) {
+        return place_after(here, inputs.previous_action[column], turns_, times, inputs.frames) == where ? S(1) : S(0);
+      };
+      // Of steps that can end the episode only those that did not are seen here, too many of them slips.
+      if (leads(1, goal) + leads(2, goal) > 0) continue;
+      const int there = inputs.position[column];
+      const S once = leads(1, there), slipped = (leads(0, there) + leads(2, there)) / 2;
+      const S likelihood = (1 - kidnap_) * ((1 - p) * once + p * slipped) + anywhere;
+      if (likelihood > 0) by_slip += (1 - kidnap_) * (once - slipped) / likelihood;
+    }
+    layout_.view(gradient, slip_)(0) += static_cast<S>(kStretch) * p * (1 - p) * by_slip / static_cast<S>(columns);
+  }
+
  private:
+  static constexpr double kFirstSlip = 0.01;  // before anything is experienced
   enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
   struct Way {
     int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
@@ -362,8 +400,11 @@ class PlaceFilter : public AgentNetwork<S> {
   Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
   std::vector<int> turns_;   ///< N; empty on a line
   Motion<S> motion_;
+  S kidnap_;
   std::vector<std::uint8_t> ways_;  ///< N x N on a map, goal-major: which steps lead nearer
   TensorLayout layout_;
+  bool learns_slip_ = false;
+  std::size_t slip_ = 0;  ///< where it is learned
   std::size_t scalars_, weights1_, bias1_, weights2_, bias2_, weights3_, bias3_;
 };
 

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "core/task/action.h"
+#include "policy_service/network/layers.h"
 
 namespace citylearn {
 
@@ -14,6 +16,12 @@ namespace place_filter {
 
 enum { kEvidence, kTempering, kNearness, kTurning, kDirectness, kScalars };  ///< rows of filter.scalars
 constexpr int kScales = 8;                                                   ///< masses by distance, on each side
+
+/// Returns the probability of a slip from the tensor filter.slip, where it is learned.
+template <class S>
+S learned_slip(S stored) {
+  return 1 / (1 + std::exp(-static_cast<S>(kStretch) * stored));
+}
 
 /// Inputs of the head: 2 S(before), 2 S(after), masses by distance before and after the goal, these; on a map one more.
 enum { kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };

@@ -72,11 +72,12 @@ inline NetworkTask task_of(const Cities& cities) {
 class Loop {
  public:
   /// So many environments, on the cities in turn.
-  Loop(const Cities& cities, const TrainerOptions& options, int environments = 1, int agents = 4)
+  Loop(const Cities& cities, const TrainerOptions& options, int environments = 1, int agents = 4,
+       const Imperfections& imperfections = {})
       : trainer(options, task_of(cities)) {
     for (int id = 0; id < environments; ++id) {
       const int experience = id % static_cast<int>(cities.size());
-      environments_.try_emplace(id, *cities[static_cast<std::size_t>(experience)], agents);
+      environments_.try_emplace(id, *cities[static_cast<std::size_t>(experience)], agents, imperfections);
       trainer.add(id, agents, experience);
     }
   }

@@ -20,7 +20,7 @@ struct SmallNetwork {
 
 inline SmallNetwork small_network(const std::string& name) {
   if (name == "raw_images") return {{{"hidden", 6}, {"cells", 4}, {"side", 28}, {"maps", 2}}, 28 * 28 * 3};
-  if (name == "place_filter") return {{{"units", 5}}};
+  if (name == "place_filter") return {{{"units", 5}, {"slip", 0.1}}};
   return {{{"hidden", 6}, {"cells", 4}}};
 }
 

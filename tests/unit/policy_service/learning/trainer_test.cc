@@ -410,6 +410,21 @@ TEST(PlaceFilter, LearnsToTurnAtCrossings) {
   EXPECT_GT(spl(loop.trainer.agent(), city, true), 0.95);
 }
 
+TEST(PlaceFilter, LearnsHowOftenActionsSlip) {
+  const Traversal city = small_city();
+  for (const double slip : {0.0, 0.1, 0.3}) {
+    TrainerOptions options = small_options("place_filter");
+    options.learner_parameters = {{"learning-rate", 6e-3}, {"minibatch", 8}};
+    options.trainer_parameters = {{"segment", 32}, {"sequence", 16}, {"steps", 80000}};
+    Loop loop(city, options, 1, 16, {.slip = slip});
+    while (!loop.trainer.done()) loop.update();
+    const TrainedAgent agent = loop.trainer.agent();
+    ASSERT_EQ(agent.network->tensors().at(1).name, "filter.slip");
+    const double learned = 1 / (1 + std::exp(-3 * static_cast<double>(agent.parameters(5))));
+    EXPECT_NEAR(learned, slip, 0.02);
+  }
+}
+
 TEST(Adam, AGradientThatIsNotFiniteChangesNothing) {
   Adam adam(2, {});
   WorkerPool workers(1);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "core/wire/messages.h"
@@ -90,22 +91,56 @@ TEST_P(Gradients, AgreeWithCentralDifferences) {
   }
 }
 
+const std::map<std::string, double> kSmallFilter = {{"units", 5}, {"slip", 0}};
 const std::map<std::string, double> kSmall = {{"hidden", 6}, {"cells", 4}};
 
 INSTANTIATE_TEST_SUITE_P(Networks, Gradients,
                          ::testing::Values(Case{"features", {{"hidden", 6}, {"cells", 4}, {"relu", 0}}, kFrames, 0.5},
                                            Case{"features", kSmall, kFrames, 0},
                                            Case{"baseline", {{"hidden", 6}, {"cells", 4}, {"mask-input", 0}}},
-                                           Case{"place_filter", {{"units", 5}}},
-                                           Case{"place_filter", {{"units", 5}}, kFrames - 2},
+                                           Case{"place_filter", kSmallFilter},
+                                           Case{"place_filter", kSmallFilter, kFrames - 2},
                                            Case{"place_filter", {{"units", 5}, {"slip", 0.2}, {"kidnap", 0.1}}},
-                                           Case{"place_filter", {{"units", 5}}, kFrames, 0, {0, 5, 3, 6, 4, 1, 2}},
-                                           Case{"place_filter", {{"units", 5}}, kFrames, 0, {}, 2},
+                                           Case{"place_filter", kSmallFilter, kFrames, 0, {0, 5, 3, 6, 4, 1, 2}},
+                                           Case{"place_filter", kSmallFilter, kFrames, 0, {}, 2},
                                            Case{"place_memory", kSmall, kFrames - 2, 0.5, {}, 2},
                                            Case{"place_memory", kSmall, kFrames, 0.5},
                                            Case{"place_memory", kSmall, kFrames - 2},
                                            Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),
                          [](const auto& tested) { return tested.param.network + std::to_string(tested.index); });
+
+/// Told .2 as a first guess; its loss is the mean over all columns of -log P(where an action led).
+TEST(PlaceFilter, LearnsFromWhereActionsLedHowOftenTheySlip) {
+  const NetworkTask task = small_task(5);
+  const auto& entry = NetworkRegistry<double>::instance().find("network", "place_filter");
+  const auto network = entry.create(Parameters(entry.name, entry.parameters, {{"units", 5}}), task);
+  const auto slip = std::find_if(network->tensors().begin(), network->tensors().end(),
+                                 [](const Tensor& tensor) { return tensor.name == "filter.slip"; });
+  ASSERT_NE(slip, network->tensors().end());
+  Vector<double> parameters = Vector<double>::Zero(network->parameter_count());
+  parameters(slip->offset) = std::log(0.2 / 0.8) / 3;
+  // By `next` from 2 with the goal 0: once, never, twice, once. From 5, before the end: to 6. From 3 with the goal 4,
+  // where only slips are seen: never.
+  const std::vector<std::array<int, 3>> walk = {{2, 3, 0}, {2, 2, 0}, {2, 4, 0}, {2, 3, 0}, {5, 6, 0}, {3, 3, 4}};
+  NetworkInputs<double> inputs;
+  inputs.resize(task.features, 2, static_cast<int>(walk.size()));
+  inputs.frames = kFrames;
+  for (std::size_t agent = 0; agent < walk.size(); ++agent)
+    for (const std::size_t t : {0, 1}) {
+      const std::size_t column = t * walk.size() + agent;
+      inputs.position[column] = walk[agent][t];
+      inputs.goal[column] = walk[agent][2];
+      inputs.first[column] = t == 0;
+      inputs.previous_action[column] = t == 0 ? std::uint8_t{kNoAction} : std::uint8_t{kNext};
+    }
+  Vector<double> gradient = Vector<double>::Zero(parameters.size());
+  network->add_model_gradient(parameters, inputs, gradient);
+  // Of -log(1 - p): 1 / .8; of -log(p / 2): -1 / .2; at the end of -log(1 - p / 2): .5 / .9.
+  const double by_slip = 2 / 0.8 - 2 / 0.2 + 0.5 / 0.9;
+  EXPECT_NEAR(gradient(slip->offset), 3 * 0.2 * 0.8 * by_slip / 12, 1e-12);
+  gradient(slip->offset) = 0;
+  EXPECT_EQ(gradient.norm(), 0);
+}
 
 /// One agent: goes on, ends at its goal, goes on, is cut by its step limit, goes on.
 TEST(Rollout, AdvantagesKnowEndsAndCuts) {

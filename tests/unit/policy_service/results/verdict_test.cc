@@ -66,7 +66,24 @@ TEST(Verdict, SaysWhatLearningGained) {
                     {{"summer"}, {}}),
             "place_filter finds its way in fall, rain (SPL 0.920 to 0.950).\n"
             "place_filter finds its way in summer, where it trained (SPL 1.000).\n"
-            "Learning gained up to 0.120 SPL over sequence_filter.\n");
+            "Learning gained SPL over sequence_filter: +0.025 in fall, +0.120 in rain, +0.500\n"
+            "in summer.\n");
+}
+
+TEST(TakeWorld, LeavesNamesWhereWorldsDiffer) {
+  const auto names_of = [](const std::string& one, const std::string& other) {
+    std::vector<ScoreRow> rows = rows_of({{"blind", {{one, 0.5}, {other, 0.5}}}});
+    VerdictOptions options{{one}, {{one, Pairing{3}}}, false};
+    const std::string world = take_world(rows, options);
+    EXPECT_EQ(options.trained_on.at(0), rows[0].traversal);
+    EXPECT_TRUE(options.pairings.contains(rows[0].traversal));
+    return std::vector<std::string>{rows[0].traversal, rows[1].traversal, world};
+  };
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(names_of("fall-slip0.1-kidnap1", "rain-slip0.1-kidnap1"), (Names{"fall", "rain", "slip0.1-kidnap1"}));
+  EXPECT_EQ(names_of("fall", "rain-slip0.1"), (Names{"fall", "rain-slip0.1", ""}));
+  EXPECT_EQ(names_of("fall-slip0.1", "rain-slip0.2"), (Names{"fall-slip0.1", "rain-slip0.2", ""}));
+  EXPECT_EQ(names_of("old-town", "slippery-slip"), (Names{"old-town", "slippery-slip", ""}));
 }
 
 TEST(Verdict, SaysWhatAFailureHasToDoWithTheFrames) {

@@ -109,6 +109,23 @@ TEST(Tables, PutRunsSideBySideAndControlsOnce) {
   EXPECT_EQ(occurrences(text, "blind"), 1) << text;
 }
 
+/// Of .97, .98, .96 against .93, .95, .94, seed by seed, learning gained .04, .03, .02.
+TEST(Tables, SayWhatLearningGainedInEachRun) {
+  RunGroup group;
+  group.agent = "place_filter";
+  for (const auto& [policy, spl] : {std::pair{"place_filter", std::vector{0.97, 0.98, 0.96}},
+                                    std::pair{"sequence_filter", std::vector{0.93, 0.95, 0.94}}}) {
+    RunGroup::Row& row = group.rows.emplace_back(RunGroup::Row{policy, "fall", {}});
+    for (const char* figure : {"completed", "spl", "mean_steps", "reward"}) row.figures[figure] = spl;
+  }
+  EXPECT_TRUE(contains(tables({group}),
+                       "| gained by learning | -       | fall      | 3    | 3.0 (2.0..4.0)    | "
+                       "0.030 (0.020..0.040) |"))
+      << tables({group});
+  group.rows.pop_back();
+  EXPECT_FALSE(contains(tables({group}), "gained")) << "nothing to compare with";
+}
+
 TEST(Tables, NameWhatIsNoRun) {
   Folder folder;
   std::ofstream(folder / "nothing.txt") << "x";
