@@ -5,15 +5,17 @@ trained policies, evaluation."""
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .evaluation import Scores, evaluate, load_policy
+    from .evaluation import ActingPolicy, Scores, evaluate, load_policy
     from .trajectories import Batch, Trajectories
     from .vector_env import AutoresetMode, Env, VectorEnv
 
-__all__ = ["AutoresetMode", "Batch", "Env", "Scores", "Trajectories", "VectorEnv", "evaluate", "load_policy"]
+__all__ = ["ActingPolicy", "AutoresetMode", "Batch", "Env", "Scores", "Trajectories", "VectorEnv", "evaluate",
+           "load_policy"]
 
 # Loaded at their first use, as they need numpy and the module in C++, and `citylearn.forward` does not.
-_HOMES = {"AutoresetMode": "vector_env", "Batch": "trajectories", "Env": "vector_env", "Scores": "evaluation",
-          "Trajectories": "trajectories", "VectorEnv": "vector_env", "evaluate": "evaluation", "load_policy": "evaluation"}
+_HOMES = {"ActingPolicy": "evaluation", "AutoresetMode": "vector_env", "Batch": "trajectories", "Env": "vector_env",
+          "Scores": "evaluation", "Trajectories": "trajectories", "VectorEnv": "vector_env", "evaluate": "evaluation",
+          "load_policy": "evaluation"}
 
 
 def __getattr__(name):
