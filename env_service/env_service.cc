@@ -252,6 +252,7 @@ void EnvService::watch_policy(const std::string& id) {
 bool EnvService::start_task(const msg::TaskSettings& settings) {
   try {
     environment_.reset(settings);
+    scenes_.set_belief({});
   } catch (const Error& error) {
     refusal_ = error.what();
     ++node_.traffic.rejected;
@@ -289,6 +290,7 @@ void EnvService::on_action(const msg::Action& action) {
   }
   acting_.heard(now_);
   policies_.hear(action.header().incarnation(), now_);
+  scenes_.set_belief(action.belief());
   steps_ += action.choice().size();
   observation_sender_.confirm();
   if (!live_) finish_step();
@@ -333,6 +335,7 @@ void EnvService::send_info() {
 
 void EnvService::send_observation() {
   environment_.observe(observation_);
+  observation_.wants_belief() = scenes_.watched();
   observation_sender_.begin(now_);
   observation_sender_.take_due(now_);
   node_.publish(observation_);

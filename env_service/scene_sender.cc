@@ -23,6 +23,7 @@ void SceneSender::send(Clock::time_point now, const msg::TraversalInfo& info, co
     scene_.policy() = settings->policy();
     scene_.first_frame() = settings->first_frame();
     scene_.frames() = settings->frames();
+    scene_.belief() = belief_;
   } else {
     scene_.task_mode() = msg::IDLE;
   }

@@ -8,6 +8,7 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cctype>
 #include <cstdio>
@@ -137,6 +138,58 @@ std::unique_ptr<Policy> python_policy(py::function act, int dimension, int first
   });
 }
 
+template <class T>
+using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+/// Returns one action per agent for observations as VectorEnv has them. `start[b]`: agent b begins an episode.
+Actions act(Policy& policy, const Array<float>& features, const Array<std::int64_t>& goal,
+            const Array<std::int64_t>& previous_action, const Array<bool>& mask, const Array<bool>& start,
+            int first_frame) {
+  const py::ssize_t agents = goal.size(), dimension = features.ndim() == 2 ? features.shape(1) : 0;
+  const bool fits = features.ndim() == 2 && features.shape(0) == agents && mask.size() == agents * kActions;
+  if (!fits || previous_action.size() != agents || start.size() != agents)
+    throw Error("differ in their numbers of agents", "observations", "give them as VectorEnv has them");
+  msg::Observation seen;
+  seen.feature_dimension() = static_cast<std::uint32_t>(dimension);
+  seen.features().assign(features.data(), features.data() + features.size());
+  for (py::ssize_t agent = 0; agent < agents; ++agent) {
+    seen.goal().push_back(static_cast<std::uint32_t>(goal.data()[agent] + first_frame));
+    const bool none = previous_action.data()[agent] == kActions;
+    seen.previous_action().push_back(
+        static_cast<std::uint8_t>(none ? std::int64_t{kNoAction} : previous_action.data()[agent]));
+    unsigned allowed = 0;
+    for (int action = 0; action < kActions; ++action)
+      if (mask.data()[agent * kActions + action]) allowed |= 1u << action;
+    seen.allowed().push_back(static_cast<std::uint8_t>(allowed));
+    seen.flags().push_back(start.data()[agent] ? msg::FLAG_FIRST : 0);
+  }
+  seen.frame().assign(seen.goal().size(), ~0u);  // none known: agents share no features
+  seen.position() = seen.goal();                 // of no use to these agents
+  std::vector<std::uint8_t> choice;
+  policy.act(seen, choice);
+  Actions actions(ArrayShape{agents});
+  std::copy(choice.begin(), choice.end(), actions.mutable_data());
+  return actions;
+}
+
+/// Returns what agents believe: places (B, 8), their probabilities, entropy (B,) and probability of being lost.
+py::object belief_of(const Policy& policy, int first_frame) {
+  msg::Belief belief;
+  policy.believe(belief);
+  if (belief.lost().empty()) return py::none();
+  const auto agents = static_cast<py::ssize_t>(belief.lost().size()), likely = py::ssize_t{msg::LIKELY_PLACES};
+  py::array_t<std::int64_t> places(ArrayShape{agents, likely});
+  std::transform(belief.likely().begin(), belief.likely().end(), places.mutable_data(),
+                 [&](std::uint32_t frame) { return std::int64_t{frame} - first_frame; });
+  const auto array = [](const std::vector<float>& numbers, const ArrayShape& shape) {
+    py::array_t<float> copied(shape);
+    std::copy(numbers.begin(), numbers.end(), copied.mutable_data());
+    return copied;
+  };
+  return py::make_tuple(places, array(belief.probability(), {agents, likely}), array(belief.entropy(), {agents}),
+                        array(belief.lost(), {agents}));
+}
+
 /// Returns a message with keyword arguments in place of options: "step_metres: ..." for "--step-metres: ...".
 std::string in_python(const std::string& message) {
   std::string text;
@@ -240,7 +293,7 @@ void define_evaluation(py::module_& module) {
       .def_readonly("mean_steps", &Score::mean_steps)
       .def_readonly("shortest_mean", &Score::shortest_mean)
       .def_readonly("reward", &Score::reward);
-  py::class_<Policy>(module, "Policy");  // NOLINT(bugprone-unused-raii): this registers it
+  py::class_<Policy>(module, "Policy").def("act", &act).def("belief", &belief_of);
   module.def("agent_policy", &agent_policy);
   module.def("exported_policy", &exported_policy);
   module.def("control_policy", &control_policy);

@@ -175,6 +175,12 @@ void check(const Message& m, const std::string& type) {
   if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
 }
 
+void check(const Belief& belief, std::size_t agents, const std::string& type) {
+  const std::size_t lost = belief.lost().size(), likely = lost * LIKELY_PLACES;
+  if (lost != 0 && lost != agents) refuse(type, "belief.lost", counts(lost, agents));
+  if (belief.likely().size() != likely) refuse(type, "belief.likely", counts(belief.likely().size(), likely));
+}
+
 void check(const Observation& m, const std::string& type) {
   const std::size_t features = m.frame().size() * m.feature_dimension();  // 32 bits times at most 256: no overflow
   if (m.features().size() != features)
@@ -207,7 +213,12 @@ void check(const RouteMap& m, const std::string& type) {
     refuse(type, "latitude", counts(m.latitude().size(), places));
 }
 
-void check(const Action& m, const std::string& type) { require_actions(m.choice(), true, type, "choice"); }
+void check(const Action& m, const std::string& type) {
+  require_actions(m.choice(), true, type, "choice");
+  check(m.belief(), m.choice().size(), type);
+}
+
+void check(const Scene& m, const std::string& type) { check(m.belief(), m.frame().size(), type); }
 
 void check(const TraversalInfo& m, const std::string& type) {
   if (m.feature_dimension() > MAX_DIMENSION)

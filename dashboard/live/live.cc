@@ -184,6 +184,10 @@ void Live::publish_scene(const msg::Scene& scene) {
   for (const auto* field : {&scene.frame(), &scene.position(), &scene.start(), &scene.goal(), &scene.steps()})
     numbers.insert(numbers.end(), field->begin(), field->end());
   numbers.insert(numbers.end(), scene.flags().begin(), scene.flags().end());
+  const msg::Belief& belief = scene.belief();
+  numbers.insert(numbers.end(), belief.likely().begin(), belief.likely().end());
+  for (const auto* field : {&belief.probability(), &belief.entropy(), &belief.lost()})
+    for (const float number : *field) numbers.push_back(std::bit_cast<std::uint32_t>(number));
   hub_.publish(topic,
                {{"traversal", scene.traversal().c_str()},
                 {"hash", hash_text(scene.traversal_hash())},
@@ -192,7 +196,8 @@ void Live::publish_scene(const msg::Scene& scene) {
                 {"step", scene.step()},
                 {"mode", name_of(scene.task_mode())},
                 {"policy", scene.policy().c_str()},
-                {"agents", scene.frame().size()}},
+                {"agents", scene.frame().size()},
+                {"likely", scene.belief().lost().empty() ? 0 : msg::LIKELY_PLACES}},
                bytes_of(numbers), Hub::Merge::kReplace);
 }
 

@@ -91,6 +91,7 @@ Actor::Actor(const ActorOptions& options)
   client_.decide = [this](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
     return decide(env, observation, choice);
   };
+  client_.believe = [this](EnvHandle& env, msg::Belief& belief) { session_->believe(env, belief); };
   client_.joined = [this](EnvHandle& env) { drop(env); };  // a new incarnation: it is served once it is assigned
   last_report_ = last_turn_ = Clock::now();
 }

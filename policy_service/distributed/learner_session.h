@@ -58,6 +58,7 @@ class LearnerSession {
   /// Fills the actions that act() did not, once there is room for another segment. Returns false when there is none, or
   /// act() filled them.
   bool resume(EnvHandle& env, std::vector<std::uint8_t>& choice);
+  void believe(EnvHandle& env, msg::Belief& belief) const { collector_->believe(served_.at(&env).slot, belief); }
   /// Returns the env_services that are acted on.
   std::vector<EnvHandle*> envs() const;
   bool acts_on(EnvHandle& env) const { return served_.contains(&env); }

@@ -353,6 +353,7 @@ void EnvClient::on_observation(msg::Observation& observation) {
   }
   env->invalid = 0;
   env->waiting = true;
+  env->wants_belief = observation.wants_belief();
   contain(*env, [&] {
     if (decide && decide(*env, observation, choice_)) answer(*env, choice_);
   });
@@ -365,6 +366,8 @@ void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) 
   action.settings() = env.settings.settings();
   action.step() = env.next_step;
   action.choice() = choice;
+  action.belief() = {};
+  if (env.wants_belief && believe) believe(env, action.belief());
   env.waiting = false;
   ++env.next_step;
   node_.publish(action);

@@ -33,6 +33,7 @@ class EnvClient {
   explicit EnvClient(Node& node, const EnvClientOptions& options = {});
   ~EnvClient();
   Decide decide;
+  std::function<void(EnvHandle&, msg::Belief&)> believe;  ///< Called in answer() where it is wanted, to fill it.
   Finished finished;
   Joined joined;
   std::function<void()> fetching;  ///< called while fetch_features() waits; what it throws ends the wait

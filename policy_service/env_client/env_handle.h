@@ -22,6 +22,7 @@ struct EnvHandle {
   std::uint32_t given = 0;        ///< newest version that it was given; stays when it is released
   std::uint64_t next_step = 0;    ///< step of the observation to be answered next, under `settings`
   bool waiting = false;           ///< that observation has arrived and waits for answer()
+  bool wants_belief = false;      ///< as that observation has it
   MessageOrder order;             ///< of its TraversalInfos
   Incumbent presence;             ///< which process speaks for the id, and when it was last heard
   msg::Action last_action;        ///< sent again when the observation it answers is repeated

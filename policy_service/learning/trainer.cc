@@ -163,6 +163,8 @@ void Trainer::resume(int environment, std::vector<std::uint8_t>& choice) {
   impl_->collector->resume(environment, impl_->learner->parameters(), choice);
 }
 
+void Trainer::believe(int environment, msg::Belief& belief) const { impl_->collector->believe(environment, belief); }
+
 // Learning.
 
 void Trainer::set_progress(double fraction) {

@@ -81,6 +81,7 @@ class Trainer {
   void describe(msg::LearnerInfo& info) const;
   /// Chooses, after update(), the actions for the observation that found the segment full.
   void resume(int environment, std::vector<std::uint8_t>& choice);
+  void believe(int environment, msg::Belief& belief) const;  ///< Does what Collector::believe() does.
 
   /// Returns the number of times that all environments began anew with settings(), every agent with a new episode.
   std::uint64_t generation() const;

@@ -199,6 +199,10 @@ const std::vector<FinishedEpisode>& Collector::finished(int environment) const {
 
 void Collector::begin_segment(int environment) { impl_->begin_segment(impl_->env(environment)); }
 
+void Collector::believe(int environment, msg::Belief& belief) const {
+  add_beliefs(impl_->network, impl_->env(environment).state, impl_->options.first_frame, belief);
+}
+
 std::vector<int> Collector::environments() const {
   std::vector<int> found;
   for (const auto& [id, env] : impl_->envs) found.push_back(id);

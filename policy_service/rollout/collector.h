@@ -62,6 +62,8 @@ class Collector {
   void begin_segment(int environment);
   /// Chooses the actions for the observation that found the last segment full.
   void resume(int environment, const Vector<float>& parameters, std::vector<std::uint8_t>& choice);
+  /// Fills what the agents believed when their last actions were chosen, as Policy::believe() does.
+  void believe(int environment, msg::Belief& belief) const;
   /// Returns the environments in rising order.
   std::vector<int> environments() const;
 

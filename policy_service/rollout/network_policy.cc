@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/util/error.h"
+#include "policy_service/network/belief.h"
 
 namespace citylearn {
 
@@ -75,6 +76,12 @@ void read_observation(const msg::Observation& observation, int features, int fir
   }
 }
 
+void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states, int first_frame,
+                 msg::Belief& belief) {
+  if (const int places = network.belief_size())
+    for (const auto& state : states.colwise()) add_belief(state.head(places), first_frame, belief);
+}
+
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
     : agent_(std::move(agent)), options_(options), workspace_(agent_.network->make_workspace()) {
   if (agent_.network->normalises()) normaliser_ = FeatureNormaliser(agent_.task.reference);
@@ -117,6 +124,10 @@ void NetworkPolicy::act(const msg::Observation& observation, const EvaluatedTask
       likeliest = sample_action(logits, random_[a], log_probability);
     choice[a] = static_cast<std::uint8_t>(likeliest);
   });
+}
+
+void NetworkPolicy::believe(msg::Belief& belief) const {
+  add_beliefs(*agent_.network, states_, agent_.first_frame, belief);
 }
 
 }  // namespace citylearn

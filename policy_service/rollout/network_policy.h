@@ -18,6 +18,10 @@ namespace citylearn {
 /// Draws an allowed action from masked logits, with one number of `random`; `log_probability` gets its logarithm.
 std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability);
 
+/// Adds what each agent believes in its state, a column of `states`, to an empty message. Adds nothing for a network
+/// without a belief.
+void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states, int first_frame, msg::Belief& belief);
+
 /// Fills `inputs` (one step, the agents of `who`; empty: all) from an observation of a route of `frames` places from
 /// `first_frame` on. A column of EvaluatedTasks::kNobody shows nothing. With `own` every agent gets features of its
 /// own, for the caller to change; else agents that are shown the same frame share them. The traversal is this
@@ -38,6 +42,7 @@ class NetworkPolicy : public Policy {
   void begin(std::uint32_t first_task, const SeenFeatures& known) override { tasks_.begin(first_task, known); }
   /// Throws Error when the observation does not fit the agent (see read_observation).
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override;
+  void believe(msg::Belief& belief) const override;
   std::map<std::uint32_t, SeenFeatures> seen() const override { return tasks_.seen(); }
 
  private:

@@ -22,6 +22,8 @@ class Policy {
   /// Chooses one allowed action per agent. Called once for each step, in order. An agent whose FLAG_FIRST is set begins
   /// a new episode, and its memory of the last one is wiped.
   virtual void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) = 0;
+  /// Fills what the agents believed after the last act(). A policy without a belief leaves it empty.
+  virtual void believe(msg::Belief& /*belief*/) const {}
   /// Returns what was seen in each task since begin(); of a policy that learns nothing from it, nothing.
   virtual std::map<std::uint32_t, SeenFeatures> seen() const { return {}; }
 };

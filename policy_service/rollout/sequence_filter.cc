@@ -6,6 +6,7 @@
 
 #include "core/task/route_map.h"
 #include "policy_service/network/agents/place_filter.h"
+#include "policy_service/network/belief.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
 #include "policy_service/rollout/control.h"
@@ -57,6 +58,10 @@ class SequenceFilter : public Policy {
         choice[static_cast<std::size_t>(agent)] = walk(observation, static_cast<std::size_t>(agent), column);
       });
     }
+  }
+
+  void believe(msg::Belief& belief) const override {
+    for (const Agent& agent : agents_) add_belief(agent.belief.cast<float>(), task_.first_frame, belief);
   }
 
  private:

@@ -133,7 +133,11 @@ std::map<std::string, Score> Evaluation::scores() const {
 }
 
 EvaluationHandlers::EvaluationHandlers(EnvClient& client, Evaluation& evaluation)
-    : client_(client), decide_(client.decide), finished_(client.finished), joined_(client.joined) {
+    : client_(client),
+      decide_(client.decide),
+      believe_(client.believe),
+      finished_(client.finished),
+      joined_(client.joined) {
   client.finished = [this, &evaluation](EnvHandle& env, const msg::EpisodeStat& episode) {
     finished_(env, episode);
     evaluation.take(env, episode);
@@ -143,6 +147,10 @@ EvaluationHandlers::EvaluationHandlers(EnvClient& client, Evaluation& evaluation
     if (evaluation.includes(env)) return evaluation.decide(env, observation, choice);
     return decide_ && decide_(env, observation, choice);
   };
+  client.believe = [this, &evaluation](EnvHandle& env, msg::Belief& belief) {
+    if (evaluation.includes(env)) return evaluation.believe(env, belief);
+    if (believe_) believe_(env, belief);
+  };
   client.joined = [this, &evaluation](EnvHandle& env) {
     if (evaluation.includes(env)) evaluation.add(env);
     if (joined_) joined_(env);
@@ -151,6 +159,7 @@ EvaluationHandlers::EvaluationHandlers(EnvClient& client, Evaluation& evaluation
 
 EvaluationHandlers::~EvaluationHandlers() {
   client_.decide = decide_;
+  client_.believe = believe_;
   client_.finished = finished_;
   client_.joined = joined_;
 }

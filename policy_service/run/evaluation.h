@@ -45,6 +45,8 @@ class Evaluation {
 
   /// Chooses actions, as EnvClient::Decide.
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
+  /// Fills what the agents believe, as EnvClient::believe.
+  void believe(EnvHandle& env, msg::Belief& belief) const { parts_.at(&env).policy->believe(belief); }
   /// Takes in a finished episode; repetitions and those of other settings are ignored.
   void take(EnvHandle& env, const msg::EpisodeStat& episode);
 
@@ -93,6 +95,7 @@ class EvaluationHandlers {
  private:
   EnvClient& client_;
   const EnvClient::Decide decide_;
+  const decltype(EnvClient::believe) believe_;
   const EnvClient::Finished finished_;
   const EnvClient::Joined joined_;
 };

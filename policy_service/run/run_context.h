@@ -31,7 +31,9 @@ class RunContext {
  public:
   /// `node` and `client` must outlive it.
   RunContext(const PolicyServiceOptions& options, Node& node, EnvClient& client);
-  ~RunContext() { client.decide = nullptr, client.joined = nullptr, client.fetching = nullptr; }
+  ~RunContext() {
+    client.decide = nullptr, client.believe = nullptr, client.joined = nullptr, client.fetching = nullptr;
+  }
 
   PolicyServiceOptions options;  ///< describe the agent itself, once a checkpoint is loaded
   Node& node;

@@ -320,9 +320,11 @@ void LocalTrainingRun::train() {
     const Stopwatch watch(report_.inference);
     return active_.contains(&env) && trainer_->act(slots_.at(&env), observation, choice);
   };
+  client.believe = [this](EnvHandle& env, msg::Belief& belief) { trainer_->believe(slots_.at(&env), belief); };
   for (EnvHandle* env : context_.training_envs()) enroll(*env);
   train_on();
   client.joined = nullptr;
+  client.believe = nullptr;
   client.decide = nullptr;
 }
 

@@ -2,8 +2,9 @@
 """CityLearn's navigation task for Python: vector environments in process or over DDS, learners for actors in C++,
 trained policies, evaluation."""
 
-from .evaluation import Scores, evaluate, load_policy
+from .evaluation import ActingPolicy, Scores, evaluate, load_policy
 from .trajectories import Batch, Trajectories
 from .vector_env import AutoresetMode, Env, VectorEnv
 
-__all__ = ["AutoresetMode", "Batch", "Env", "Scores", "Trajectories", "VectorEnv", "evaluate", "load_policy"]
+__all__ = ["ActingPolicy", "AutoresetMode", "Batch", "Env", "Scores", "Trajectories", "VectorEnv", "evaluate",
+           "load_policy"]

@@ -31,6 +31,29 @@ def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
         return (_native.ExportedPolicy if str(path).endswith(".onnx") else _native.Agent)(str(path))
 
 
+class ActingPolicy:
+    """Acts by a policy of load_policy(), with memory of the agents' episodes, as a function that evaluate() takes:
+    acting(observations, starts) returns actions (B,) for VectorEnv's observations; starts, bool (B,), says which agents
+    begin an episode. `seed` decides the actions drawn."""
+
+    def __init__(self, policy: _native.Agent | _native.ExportedPolicy, seed: int = 1):
+        if policy.name == "baseline":
+            raise ValueError("baseline sees positions, which observations do not have; use another policy")
+        make = _native.agent_policy if isinstance(policy, _native.Agent) else _native.exported_policy
+        self._acting, self._first_frame = make(policy, seed_of(seed)), policy.first_frame
+
+    def __call__(self, observations: dict[str, np.ndarray], starts: np.ndarray) -> np.ndarray:
+        columns = (observations[name] for name in ("features", "goal", "previous_action", "action_mask"))
+        return self._acting.act(*columns, starts, self._first_frame)
+
+    def belief(self) -> dict[str, np.ndarray] | None:
+        """Returns where the agents believed to stand when they acted last: `places` (B, 8), the likeliest first, with
+        their `probabilities`, `entropy` (B,) of the whole belief in bits, and `lost` (B,), the probability that an agent
+        is not within one place of its likeliest one. None of a policy that has no belief, and of an exported one."""
+        belief = self._acting.belief(self._first_frame)
+        return belief and dict(zip(("places", "probabilities", "entropy", "lost"), belief))
+
+
 @none_is_default
 def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, traversals: Sequence[str] = (),
              controls: Sequence[str] = (), tasks: int = 2000, seed: int = 1, frames: int | str | None = None,

@@ -105,6 +105,56 @@ class Evaluation(unittest.TestCase):
         self.assertTrue(0.2 < score.completed < 0.8, "goals ahead are reached, those behind are not")
         self.assertAlmostEqual(score.spl, score.completed, 12)
 
+    def test_an_acting_policy_says_what_it_believes(self):
+        acting = citylearn.ActingPolicy(self.policy, seed=3)
+        self.assertIsNone(acting.belief())
+        env = citylearn.VectorEnv(num_envs=8, autoreset_mode=citylearn.AutoresetMode.SAME_STEP, **DRAWN)
+        observations, infos = env.reset(seed=1)
+        near, starts = [], np.ones(8, bool)
+        for _ in range(100):
+            actions = acting(observations, starts)
+            belief = acting.belief()
+            near.append(np.abs(belief["places"][:, 0] - infos["position"]) <= 1)
+            observations, _, terminations, truncations, infos = env.step(actions)
+            starts = terminations | truncations
+        self.assertEqual(belief["places"].shape, (8, 8))
+        self.assertTrue((np.diff(belief["probabilities"]) <= 0).all())
+        self.assertTrue(((belief["entropy"] >= 0) & (belief["entropy"] <= 5)).all(), "of 32 places: at most 5 bits")
+        self.assertGreater(np.mean(near), 0.9)
+        with self.assertRaisesRegex(ValueError, "differ in their numbers of agents"):
+            acting(observations, starts[:3])
+
+    def test_a_filter_that_knows_slips_is_as_sure_as_it_may_be(self):
+        """Trained in the drawn city's summer, in fall: the expected calibration error over 15 bins."""
+        world = {"synthetic_images": 0, "slip": 0.1}
+        with tempfile.TemporaryDirectory(prefix="citylearn-") as folder:
+            summer = subprocess.Popen([BUILD / "env_service/env_service", *WHERE, "--synthetic-images=0", "--slip=0.1",
+                                       "--traversal=summer", "--linger=0"])
+            try:
+                subprocess.run([BUILD / "policy_service/policy_service", *WHERE, "--agent=place_filter",
+                                "--place_filter-slip=0.1", "--train=summer-slip0.1", "--steps=20000", "--frames=0:128",
+                                "--tasks=50", "--wait=60", f"--output={folder}"],
+                               check=True, stdout=subprocess.DEVNULL, timeout=200)
+            finally:
+                summer.terminate()
+                summer.wait()
+            acting = citylearn.ActingPolicy(citylearn.load_policy(Path(folder, "checkpoints/best.clk")))
+        env = citylearn.VectorEnv(num_envs=64, traversal="fall", autoreset_mode=citylearn.AutoresetMode.SAME_STEP, **world)
+        observations, infos = env.reset(seed=1001)
+        stated, right, starts = [], [], np.ones(64, bool)
+        for _ in range(400):
+            actions = acting(observations, starts)
+            belief = acting.belief()
+            stated.append(1 - belief["lost"])
+            right.append(np.abs(belief["places"][:, 0] - infos["position"]) <= 1)
+            observations, _, terminations, truncations, infos = env.step(actions)
+            starts = terminations | truncations
+        stated, right = np.concatenate(stated), np.concatenate(right)
+        bins = np.minimum((15 * stated).astype(int), 14)
+        error = sum(abs((stated - right)[bins == each].sum()) for each in range(15)) / len(stated)
+        self.assertLess(error, 0.03)
+        self.assertGreater(right.mean(), 0.9)
+
     def test_the_documentation_names_what_there_is(self):
         controls = {"shuffled", "all", *citylearn._options._native.controls()}
         self.assertLessEqual(set(re.findall(r'"(\w+)"', citylearn.evaluate.__doc__)), controls)

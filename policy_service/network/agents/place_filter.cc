@@ -87,6 +87,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
   const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
   int state_size() const override { return places_ + 1; }
+  int belief_size() const override { return places_; }
   bool normalises() const override { return true; }
   std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(motion_); }
 

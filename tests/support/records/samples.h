@@ -87,7 +87,17 @@ inline void agree(Filler& f, msg::Observation& m) {
   m.feature_dimension(m.frame().empty() ? 0 : static_cast<std::uint32_t>(m.features().size() / m.frame().size()));
 }
 
-inline void agree(Filler&, msg::Action& m) { make_actions(m.choice()); }
+inline void agree(Filler& f, msg::Belief& belief) {
+  f.resize(belief.likely(), 16 * msg::LIKELY_PLACES, msg::MAX_LIKELY);
+  f.resize(belief.probability(), 16 * msg::LIKELY_PLACES, msg::MAX_LIKELY);
+}
+
+inline void agree(Filler& f, msg::Action& m) {
+  make_actions(m.choice());
+  agree(f, m.belief());
+}
+
+inline void agree(Filler& f, msg::Scene& m) { agree(f, m.belief()); }
 
 inline void agree(Filler&, msg::LogPosition& log) {
   log.first() = std::max<std::uint64_t>(1, log.number() / 2);

@@ -81,7 +81,8 @@ TEST(Dashboard, ShowsATrainingWhileItRunsAndKeepsEachOfItsEpisodes) {
       if (!id.empty())
         live.say(Json{{"watch", {"services", "events", "scene:env-summer@watched", "training:" + id}}}.dump());
     }
-    moved |= topic.substr(0, 5) == "scene" && news->header["agents"] == 4 && news->payload == 4u * 6 * 4;
+    moved |= topic.substr(0, 5) == "scene" && news->header["agents"] == 4 && news->header["likely"] == 8 &&
+             news->payload == 4u * (6 + 8 + 8 + 2) * 4;  // with beliefs
     if (topic == "training:" + id) {
       trained = true;
       EXPECT_EQ(news->payload, news->header["rows"].get<std::size_t>() * news->header["columns"].size() * 8);

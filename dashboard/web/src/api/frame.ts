@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Scene, SceneAgent, SceneHeader } from './types';
+import type { Belief, Scene, SceneAgent, SceneHeader } from './types';
 
 /** A parsed binary frame of the WebSocket. */
 export interface Frame {
@@ -61,16 +61,28 @@ export function trainingColumns(frame: Frame): Map<string, Float64Array> {
   return columns;
 }
 
-/** Parses a `scene:` frame: 6 x m uint32, m numbers for each field. */
+/** Parses a `scene:` frame: 6 x m uint32, m numbers for each field, then beliefs (docs/reference/dashboard-api.md). */
 export function sceneOf(frame: Frame): Scene {
   const header = frame.header as unknown as SceneHeader;
   const m = numberOf(header.agents);
-  if (frame.payload.byteLength !== 24 * m) throw new FrameError(`scene: ${frame.payload.byteLength} bytes for ${m} agents`);
-  const values = new Uint32Array(frame.payload.buffer, frame.payload.byteOffset, 6 * m);
+  const k = numberOf(header.likely);
+  const count = (6 + (k > 0 ? 2 * k + 2 : 0)) * m;
+  if (frame.payload.byteLength !== 4 * count) throw new FrameError(`scene: ${frame.payload.byteLength} bytes for ${m} agents`);
+  const values = new Uint32Array(frame.payload.buffer, frame.payload.byteOffset, count);
+  const shares = new Float32Array(frame.payload.buffer, frame.payload.byteOffset, count);
+  const share = (number: number): number => shares[(6 + k) * m + number] ?? 0;
+  const belief = (agent: number): Belief => ({
+    places: Array.from({ length: k }, (_, i) => ({ frame: values[6 * m + k * agent + i] ?? 0, probability: share(k * agent + i) })),
+    entropy: share(k * m + agent),
+    lost: share((k + 1) * m + agent),
+  });
   const at = (field: number, agent: number): number => values[field * m + agent] ?? 0;
   const list: SceneAgent[] = [];
   for (let i = 0; i < m; ++i)
-    list.push({ frame: at(0, i), position: at(1, i), start: at(2, i), goal: at(3, i), steps: at(4, i), flags: at(5, i) });
+    list.push({
+      frame: at(0, i), position: at(1, i), start: at(2, i), goal: at(3, i), steps: at(4, i), flags: at(5, i),
+      ...(k > 0 && at(4, i) > 0 ? { belief: belief(i) } : {}), // at an episode's start it is of the one before
+    });
   return { ...header, list };
 }
 

@@ -128,6 +128,17 @@ export interface SceneHeader {
   mode: string | number;
   policy: string;
   agents: number;
+  /** Places in each agent's belief. */
+  likely?: number;
+}
+/** Where an agent believed to stand when it chose its last action. */
+export interface Belief {
+  /** The likeliest frames, the first one first. */
+  places: { frame: number; probability: number }[];
+  /** Of the whole belief, bits. */
+  entropy: number;
+  /** The probability that it is not within one place of the likeliest one. */
+  lost: number;
 }
 export interface SceneAgent {
   frame: number;
@@ -136,6 +147,7 @@ export interface SceneAgent {
   goal: number;
   steps: number;
   flags: number;
+  belief?: Belief;
 }
 export interface Scene extends SceneHeader {
   list: SceneAgent[];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { RunDetail, RunTraversal, Scene } from '../api/types';
+import type { Belief, RunDetail, RunTraversal, Scene } from '../api/types';
 import { integer } from './format';
 import { manifestNumber } from './manifest';
 
@@ -22,4 +22,10 @@ export function sceneText(scene: Scene | null, traversal: RunTraversal): string 
   const does = [MODES[scene.mode] ?? scene.mode, scene.policy].filter(Boolean).join(' ');
   if (scene.frames === 0) return `${does} · ${integer(traversal.frames)} frames`;
   return `${does} · frames ${integer(scene.first_frame)} to ${integer(scene.first_frame + scene.frames - 1)} · tick ${integer(scene.step)}`;
+}
+
+/** Says in words where an agent believes to stand, and how sure it is. */
+export function beliefText({ places, entropy, lost }: Belief): string {
+  const sure = Math.floor(100 * (1 - lost)); // never surer than it is
+  return `sure to ${sure} % that it is within one place of ${integer(places[0]?.frame ?? 0)}; entropy ${entropy.toFixed(1)} bits`;
 }

@@ -7,7 +7,7 @@ import { live } from '../api/live';
 import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
 import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
-import { routePart, sceneText } from '../maths/scene';
+import { beliefText, routePart, sceneText } from '../maths/scene';
 import { idle, Trails, type Trail } from '../maths/trail';
 import { cursorAt } from '../state/cursor';
 import { playback, playing } from '../state/playback';
@@ -116,6 +116,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
   );
   const trail = trails.of(agent);
   const here = scene?.list[agent];
+  const believes = (scene?.likely ?? 0) > 0;
   const { first, count } = routePart(scene, detail, traversal);
   const silent = Math.floor((now.value - came) / 1000);
   return (
@@ -135,11 +136,17 @@ function Scenery({ run, traversal, all, detail, whole }: {
             walkers={walkers}
             selected={agent}
             path={trail?.positions ?? []}
+            heat={here && !idle(here) ? here.belief?.places : undefined}
             onSelect={(one) => setParams({ agent: String(one) })}
             whole={whole}
             label={`Route of ${traversal.traversal} with ${walkers.length} agents`}
           />
-          <RouteLegend />
+          <RouteLegend belief={believes} />
+          {here && believes && (
+            <p class="note">
+              Agent {agent} {here.belief && !idle(here) ? `is ${beliefText(here.belief)}` : 'is not on its way'}.
+            </p>
+          )}
         </Card>
         <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />
       </div>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
-import type { TraversalMap } from '../api/types';
+import type { Belief, TraversalMap } from '../api/types';
 import { integer, metres } from '../maths/format';
 import { fit, greatest, least, nearest, pathOf, project, scaleBar, ticks, toScreen, zoomAt, type Point, type View } from '../maths/geometry';
 import { seriesColour } from '../state/theme';
@@ -26,6 +26,8 @@ interface RouteMapProps {
   selected: number;
   /** Positions of the selected agent since its start. */
   path: readonly number[];
+  /** Where the selected agent believes to stand. */
+  heat?: Belief['places'] | undefined;
   onSelect?: (walker: number) => void;
   whole: boolean;
   label: string;
@@ -111,6 +113,10 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
         onPointerLeave={() => (drag.current = null)}
       >
         {points ? <Track {...scene} points={points} /> : <Ruler {...scene} />}
+        {props.heat?.map(({ frame, probability }) => {
+          const at = probability >= 0.01 && screenAt(scene, frame, selected);
+          return at && <circle key={frame} class="heat" cx={at.x} cy={at.y} r={8 + 12 * Math.sqrt(probability)} opacity={Math.sqrt(probability)} />;
+        })}
         {walkers.map((walker, i) => i !== selected && <WalkerSigns key={i} scene={scene} walker={walker} index={i} />)}
         {walkers[selected] && <WalkerSigns scene={scene} walker={walkers[selected]} index={selected} />}
       </svg>
@@ -241,7 +247,7 @@ function WalkerSigns({ scene, walker, index }: { scene: Scene; walker: Walker; i
 }
 
 /** Explains the signs of the map. */
-export function RouteLegend(): JSX.Element {
+export function RouteLegend({ belief = false }: { belief?: boolean }): JSX.Element {
   return (
     <ul class="legend" aria-label="Signs">
       {(['agent', 'start', 'goal'] as const).map((name) => (
@@ -255,6 +261,11 @@ export function RouteLegend(): JSX.Element {
       <li class="row">
         <Swatch colour="text-soft" /> path so far
       </li>
+      {belief && (
+        <li class="row">
+          <Swatch colour="heat" /> where the agent believes to be
+        </li>
+      )}
     </ul>
   );
 }

@@ -45,6 +45,16 @@ describe('sceneOf', () => {
       { frame: 2, position: 4, start: 6, goal: 8, steps: 10, flags: 1 },
     ]);
   });
+  it('has what agents on their way believe', () => {
+    const header = { topic: 'scene:a@b', agents: 2, likely: 2 };
+    const numbers = Uint32Array.of(1, 2, 3, 4, 5, 6, 7, 8, 0, 10, 0, 1, 41, 42, 7, 6);
+    const shares = new Uint32Array(Float32Array.of(0.5, 0.25, 0.75, 0.125, 2, 1.5, 0.25, 0.0625).buffer);
+    const scene = sceneOf(parseFrame(frame(header, bytesOf(Uint32Array.of(...numbers, ...shares)))));
+    expect(scene.list[0]?.belief).toBeUndefined();
+    expect(scene.list[1]?.belief).toEqual({
+      places: [{ frame: 7, probability: 0.75 }, { frame: 6, probability: 0.125 }], entropy: 1.5, lost: 0.0625,
+    });
+  });
   it('refuses a payload of another size', () => {
     const header = { topic: 'scene:a@b', agents: 2 };
     expect(() => sceneOf(parseFrame(frame(header, bytesOf(Uint32Array.of(1)))))).toThrow(FrameError);

@@ -5,7 +5,7 @@ import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '
 import { groupRuns, namesakes, preferredGroup, settingsOf } from '../../src/maths/groups';
 import { meanRate, preferredRun, runName, tagsOf } from '../../src/maths/runs';
 import { artefactsOf, compareManifests } from '../../src/maths/manifest';
-import { routePart, sameTraversal, sceneText } from '../../src/maths/scene';
+import { beliefText, routePart, sameTraversal, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
 import { toneOf } from '../../src/ui/basics';
 
@@ -113,6 +113,12 @@ describe('scenes', () => {
     expect(routePart(idle, detail, traversal)).toEqual({ first: 5, count: 64 });
     expect(sceneText(null, traversal)).toBe('1,000 frames');
     expect(routePart(null, { manifest: null } as RunDetail, traversal)).toEqual({ first: 0, count: 1000 });
+  });
+  it('say what an agent believes', () => {
+    const places = [{ frame: 41, probability: 0.7 }];
+    const text = 'sure to 93 % that it is within one place of 41; entropy 0.4 bits';
+    expect(beliefText({ places, entropy: 0.42, lost: 0.0625 })).toBe(text);
+    expect(beliefText({ places, entropy: 0, lost: 0.001 })).toContain('sure to 99 %');
   });
 });
 

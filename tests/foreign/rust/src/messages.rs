@@ -24,11 +24,13 @@ message!(TaskSettings {
 });
 message!(Observation {
     header: Header, settings: SettingsId, step: u64, traversal: String, traversal_hash: u64, by_reference: bool,
-    feature_dimension: u32, encoder_incarnation: u64, frame: Vec<u32>, position: Vec<u32>, goal: Vec<u32>,
-    previous_action: Vec<u8>, allowed: Vec<u8>, flags: Vec<u8>, reward: Vec<f32>, features: Vec<f32>,
+    wants_belief: bool, feature_dimension: u32, encoder_incarnation: u64, frame: Vec<u32>, position: Vec<u32>,
+    goal: Vec<u32>, previous_action: Vec<u8>, allowed: Vec<u8>, flags: Vec<u8>, reward: Vec<f32>, features: Vec<f32>,
 });
+message!(Belief { likely: Vec<u32>, probability: Vec<f32>, entropy: Vec<f32>, lost: Vec<f32> });
 message!(Action {
     header: Header, environment: String, environment_incarnation: u64, settings: SettingsId, step: u64, choice: Vec<u8>,
+    belief: Belief,
 });
 message!(LogPosition { stream: u64, number: u64, first: u64 });
 message!(EpisodeStat {

@@ -55,6 +55,15 @@ void agree(msg::Observation& m) {
   m.feature_dimension() = 2;
   m.features() = {0.5f, -1.0f, 1.5f, -2.0f, 2.5f, -3.0f};
 }
+void agree(msg::Belief& belief) {
+  for (std::uint32_t place = 1; place < msg::LIKELY_PLACES; ++place)
+    for (std::uint32_t agent = 0; agent < 3; ++agent) {
+      belief.likely().push_back(place * 3 + agent);
+      belief.probability().push_back(0.5f / static_cast<float>(1 << place));
+    }
+}
+void agree(msg::Action& m) { agree(m.belief()); }
+void agree(msg::Scene& m) { agree(m.belief()); }
 void agree(msg::LogPosition& log) { log.number() = log.first() + 1; }
 void agree(msg::EpisodeStat& m) {
   agree(m.log());

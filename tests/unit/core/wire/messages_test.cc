@@ -213,6 +213,15 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::TrainingStat>("log.first: is 0, must be 1..150", place(150, 0));
   expect_error<msg::Trajectory>("log.first: is 151, must be 1..150", place(150, 151));
   expect_error<msg::Action>("choice: unknown action 3", [](auto& m) { m.choice()[0] = 3; });
+  expect_error<msg::Action>("", [](auto& m) { m.belief() = {}; });
+  expect_error<msg::Action>("belief.likely: 127 entries, should be 128", [](auto& m) {
+    m.belief().likely().pop_back();
+    m.belief().probability().pop_back();
+  });
+  expect_error<msg::Scene>("belief.lost: 15 entries, should be 16", [](auto& m) {
+    m.belief().lost().pop_back();
+    m.belief().entropy().pop_back();
+  });
   expect_error<msg::TraversalInfo>("frames: must be 1..1048576", [](auto& m) { m.frames(0); });
   expect_error<msg::TraversalInfo>("agents: must be 1..256", [](auto& m) { m.agents(257); });
   expect_error<msg::TraversalInfo>("feature_dimension: must be at most 262144",

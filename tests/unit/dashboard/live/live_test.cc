@@ -263,6 +263,7 @@ TEST_F(LiveRun, ScenesComeWhileSomebodyWatches) {
   ASSERT_TRUE(drive([&] { return policy->steps() > 20; }));
   const std::string topic = "scene:" + source;
   EXPECT_EQ(hub.published.count(topic), 0u);
+  EXPECT_FALSE(policy->seen.wants_belief());
   hub.topics = {topic,     "picture:", "picture:nobody", "picture:" + source + ":99", "picture:" + source + ":x",
                 "nonsense"};
   ASSERT_TRUE(drive([&] { return count(topic) >= 5; }));
@@ -283,8 +284,26 @@ TEST_F(LiveRun, ScenesComeWhileSomebodyWatches) {
         << "position and goal";
   }
   EXPECT_EQ(images->reads, 0) << "nobody watches a picture";
+  // Beliefs come along, of a policy that has some.
+  EXPECT_EQ(scene.header["likely"], 0);
+  EXPECT_TRUE(policy->seen.wants_belief());
+  std::vector<std::uint32_t> likely;
+  for (std::uint32_t i = 0; i < 16; ++i) likely.push_back(5 + i);
+  policy->spoil = [&](msg::Action& action) {
+    action.belief().likely() = likely;
+    action.belief().probability().assign(16, 0.125f);
+    action.belief().entropy() = {3, 2.5f};
+    action.belief().lost() = {0.625f, 0.25f};
+  };
+  ASSERT_TRUE(drive([&] { return newest(topic).header["likely"] == 8; }));
+  const auto believed = newest(topic).numbers<std::uint32_t>();
+  ASSERT_EQ(believed.size(), 12u + 16 + 16 + 2 + 2);
+  EXPECT_EQ(std::vector(believed.begin() + 12, believed.begin() + 28), likely);
+  const auto shares = newest(topic).numbers<float>();
+  EXPECT_EQ(std::vector(shares.begin() + 43, shares.end()), (std::vector{0.125f, 3.0f, 2.5f, 0.625f, 0.25f}));
   hub.topics = {};
   ASSERT_TRUE(drive([&] { return policy->node.readers<msg::Scene>() == 0; })) << "nothing is sent any more";
+  ASSERT_TRUE(drive([&] { return !policy->seen.wants_belief(); })) << "nor asked for";
 }
 
 TEST_F(LiveRun, PicturesShowWhatAnAgentSees) {
