@@ -26,10 +26,8 @@ class Motion {
   }
 
   /// `turns`: where `stay` leads (core/task/route_map.h); empty on a line.
-  Motion(const Parameters& parameters, std::vector<int> turns)
-      : slip_(static_cast<S>(parameters["slip"])),
-        kidnap_(static_cast<S>(parameters["kidnap"])),
-        turns_(std::move(turns)) {}
+  Motion(double slip, double kidnap, std::vector<int> turns)
+      : slip_(static_cast<S>(slip)), kidnap_(static_cast<S>(kidnap)), turns_(std::move(turns)) {}
 
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }

@@ -29,7 +29,7 @@ class SequenceFilter : public Policy {
         evidence_(parameters["evidence"]),
         tempering_(parameters["tempering"]),
         turning_(parameters["turning"]),
-        motion_(parameters, task.turns),
+        motion_(parameters["slip"], parameters["kidnap"], task.turns),
         normaliser_(task.reference) {
     if (task.reference.size() == 0)
       throw Error("needs the features of the training traversal", "sequence_filter",

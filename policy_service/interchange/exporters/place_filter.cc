@@ -16,7 +16,7 @@ using namespace place_filter;
 /// Returns the scores `before` (batch x N) after the previous action, as Motion does.
 OnnxValue moved_scores(AgentGraph& graph, const Parameters& parameters, const OnnxValue& before) {
   const std::ptrdiff_t places = graph.agent().task.frames;
-  const float kidnap = static_cast<float>(parameters["kidnap"]);
+  const float kidnap = static_cast<float>(kidnap_of(parameters));
   const float slip = parameters["slip"] < 0 ? static_cast<float>(learned_slip(graph.tensor("filter.slip")(0)))
                                             : static_cast<float>(parameters["slip"]);
   const bool exact = slip == 0 && kidnap == 0;

@@ -61,8 +61,8 @@ class PlaceFilter : public AgentNetwork<S> {
         mirror_(mirrored_inputs(inputs_)),
         keys_(task.reference, task.features, task.frames),
         turns_(task.turns),
-        motion_(parameters, task.turns),
-        kidnap_(static_cast<S>(parameters["kidnap"])) {
+        motion_(parameters["slip"], kidnap_of(parameters), task.turns),
+        kidnap_(static_cast<S>(kidnap_of(parameters))) {
     check_turns(turns_, places_);
     if (!turns_.empty()) find_ways();
     log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
+#include "core/plugin/registry.h"
 #include "core/task/action.h"
 #include "policy_service/network/layers.h"
 
@@ -21,6 +23,13 @@ constexpr int kScales = 8;                                                   ///
 template <class S>
 S learned_slip(S stored) {
   return 1 / (1 + std::exp(-static_cast<S>(kStretch) * stored));
+}
+
+/// Returns the probability of a kidnapping. Where slips are learned none counts as impossible, because after a leap
+/// that is impossible nothing is believed any more. This little changes no belief where nobody is kidnapped.
+inline double kidnap_of(const Parameters& parameters) {
+  constexpr double kLeast = 1e-6;
+  return parameters["slip"] < 0 ? std::max(parameters["kidnap"], kLeast) : parameters["kidnap"];
 }
 
 /// Inputs of the head: 2 S(before), 2 S(after), masses by distance before and after the goal, these; on a map one more.
