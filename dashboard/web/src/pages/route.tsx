@@ -143,7 +143,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
           />
           <RouteLegend belief={believes} />
           {here && believes && (
-            <p class="note">
+            <p class="hint">
               Agent {agent} {here.belief && !idle(here) ? `is ${beliefText(here.belief)}` : 'is not on its way'}.
             </p>
           )}
