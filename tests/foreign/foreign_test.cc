@@ -74,7 +74,8 @@ TEST_P(Foreign, LearnsTheSameOverAWireThatLosesRepeatsAndReorders) {
     const auto summer = run.env("summer"), fall = run.env("fall");
     const auto foreign = learner(run, {"--tasks", "50", "--ticks", "400", "--frames", "64"});
     ASSERT_EQ(foreign->wait(kLongWait), 0) << foreign->output();
-    said[middleware] = foreign->output();
+    for (const std::string& line : lines_of(foreign->output()))  // but for how it waited, as on a busy machine
+      if (!line.starts_with("foreign_learner: ")) said[middleware] += line + "\n";
     const std::map<std::string, Result> found = results(foreign->output());
     ASSERT_TRUE(found.contains("fall")) << foreign->output();
     EXPECT_GT(found.at("fall").completed, 0.95) << foreign->output();
