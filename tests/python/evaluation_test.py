@@ -123,6 +123,8 @@ class Evaluation(unittest.TestCase):
         self.assertGreater(np.mean(near), 0.9)
         with self.assertRaisesRegex(ValueError, "differ in their numbers of agents"):
             acting(observations, starts[:3])
+        with self.assertRaisesRegex(TypeError, "must be what load_policy.. returns, is str"):
+            citylearn.ActingPolicy("best.clk")
 
     def test_a_filter_that_knows_slips_is_as_sure_as_it_may_be(self):
         """Trained in the drawn city's summer, in fall: the expected calibration error over 15 bins."""
