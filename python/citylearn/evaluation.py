@@ -37,10 +37,10 @@ class ActingPolicy:
     begin an episode. `seed` decides the actions drawn."""
 
     def __init__(self, policy: _native.Agent | _native.ExportedPolicy, seed: int = 1):
-        if policy.name == "baseline":
-            raise ValueError("baseline sees positions, which observations do not have; use another policy")
         if not isinstance(policy, (_native.Agent, _native.ExportedPolicy)):
             raise TypeError(f"policy must be what load_policy() returns, is {type(policy).__name__}")
+        if policy.name == "baseline":
+            raise ValueError("baseline sees positions, which observations do not have; use another policy")
         make = _native.agent_policy if isinstance(policy, _native.Agent) else _native.exported_policy
         self._acting, self._first_frame = make(policy, seed_of(seed)), policy.first_frame
 
