@@ -32,6 +32,7 @@ class Motion {
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
   void set_slip(S slip) { slip_ = slip; }
+  S kidnap() const { return kidnap_; }
 
   /// to = A from, with `nothing` at the place that nothing moves to.
   template <class From, class To>

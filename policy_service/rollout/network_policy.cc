@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "core/util/error.h"
-#include "policy_service/network/belief.h"
+#include "policy_service/rollout/belief.h"
 
 namespace citylearn {
 

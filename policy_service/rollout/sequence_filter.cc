@@ -6,9 +6,9 @@
 
 #include "core/task/route_map.h"
 #include "policy_service/network/agents/place_filter.h"
-#include "policy_service/network/belief.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
+#include "policy_service/rollout/belief.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/evaluated_tasks.h"
 

@@ -61,8 +61,7 @@ class PlaceFilter : public AgentNetwork<S> {
         mirror_(mirrored_inputs(inputs_)),
         keys_(task.reference, task.features, task.frames),
         turns_(task.turns),
-        motion_(parameters["slip"], kidnap_of(parameters), task.turns),
-        kidnap_(static_cast<S>(kidnap_of(parameters))) {
+        motion_(parameters["slip"], kidnap_of(parameters), task.turns) {
     check_turns(turns_, places_);
     if (!turns_.empty()) find_ways();
     log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
@@ -289,7 +288,8 @@ class PlaceFilter : public AgentNetwork<S> {
   void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,
                           Vector<S>& gradient) const override {
     if (!learns_slip_) return;
-    const S p = learned_slip(layout_.view(parameters, slip_)(0)), anywhere = kidnap_ / static_cast<S>(inputs.frames);
+    const S p = learned_slip(layout_.view(parameters, slip_)(0)), kidnap = motion_.kidnap();
+    const S anywhere = kidnap / static_cast<S>(inputs.frames);
     const std::size_t agents = static_cast<std::size_t>(inputs.agents), columns = inputs.goal.size();
     S by_slip = 0;  // of the sum of -log P(where an action led)
     for (std::size_t column = agents; column < columns; ++column) {
@@ -302,8 +302,8 @@ class PlaceFilter : public AgentNetwork<S> {
       if (leads(1, goal) + leads(2, goal) > 0) continue;
       const int there = inputs.position[column];
       const S once = leads(1, there), slipped = (leads(0, there) + leads(2, there)) / 2;
-      const S likelihood = (1 - kidnap_) * ((1 - p) * once + p * slipped) + anywhere;
-      if (likelihood > 0) by_slip += (1 - kidnap_) * (once - slipped) / likelihood;
+      const S likelihood = (1 - kidnap) * ((1 - p) * once + p * slipped) + anywhere;
+      if (likelihood > 0) by_slip += (1 - kidnap) * (once - slipped) / likelihood;
     }
     layout_.view(gradient, slip_)(0) += static_cast<S>(kStretch) * p * (1 - p) * by_slip / static_cast<S>(columns);
   }
@@ -401,7 +401,6 @@ class PlaceFilter : public AgentNetwork<S> {
   Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
   std::vector<int> turns_;   ///< N; empty on a line
   Motion<S> motion_;
-  S kidnap_;
   std::vector<std::uint8_t> ways_;  ///< N x N on a map, goal-major: which steps lead nearer
   TensorLayout layout_;
   bool learns_slip_ = false;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/network/belief.h"
+#include "policy_service/rollout/belief.h"
 
 #include <gtest/gtest.h>
 
