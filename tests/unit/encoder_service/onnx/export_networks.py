@@ -28,17 +28,21 @@ class Bottleneck(nn.Module):
         return functional.relu(self.body(x) + self.skip(x))
 
 
+def resnet50(stages):
+    blocks, inputs = [convolution(3, 64, 7, 2), nn.ReLU(), nn.MaxPool2d(3, 2, 1)], 64
+    for stage, count in enumerate((3, 4, 6, 3)[:stages]):
+        for i in range(count):
+            blocks.append(Bottleneck(inputs, 64 << stage, 2 if stage > 0 and i == 0 else 1))
+            inputs = 256 << stage
+    return nn.Sequential(*blocks)
+
+
 class ResnetGem(nn.Module):
     """ResNet-50 and generalised mean pooling, as CosPlace and EigenPlaces."""
 
     def __init__(self):
         super().__init__()
-        blocks, inputs = [convolution(3, 64, 7, 2), nn.ReLU(), nn.MaxPool2d(3, 2, 1)], 64
-        for stage, count in enumerate((3, 4, 6, 3)):
-            for i in range(count):
-                blocks.append(Bottleneck(inputs, 64 << stage, 2 if stage > 0 and i == 0 else 1))
-                inputs = 256 << stage
-        self.body, self.linear, self.power = nn.Sequential(*blocks), nn.Linear(2048, 512), nn.Parameter(torch.tensor(3.0))
+        self.body, self.linear, self.power = resnet50(4), nn.Linear(2048, 512), nn.Parameter(torch.tensor(3.0))
 
     def forward(self, x):
         maps = functional.normalize(self.body(x))
@@ -81,6 +85,44 @@ class Block(nn.Module):
         return x + self.scale[1] * self.mlp(self.second(x))
 
 
+class Mixvpr(nn.Module):
+    """ResNet-50 up to its third stage and MixVPR (Ali-bey et al., WACV 2023): perceptrons across places, then projections."""
+
+    def __init__(self, places=196):
+        super().__init__()
+        mixer = lambda: nn.Sequential(nn.LayerNorm(places), nn.Linear(places, places), nn.ReLU(), nn.Linear(places, places))
+        self.body, self.mixers = resnet50(3), nn.ModuleList(mixer() for _ in range(4))
+        self.channels, self.rows = nn.Linear(1024, 512), nn.Linear(places, 4)
+
+    def forward(self, x):
+        maps = self.body(x).flatten(2)
+        for mixer in self.mixers:
+            maps = maps + mixer(maps)
+        mixed = self.rows(self.channels(maps.transpose(1, 2)).transpose(1, 2))
+        return functional.normalize(mixed.flatten(1))
+
+
+class Boq(nn.Module):
+    """ResNet-50 up to its third stage and a bag of learned queries (Ali-bey et al., CVPR 2024)."""
+
+    def __init__(self, width=256, queries=32):
+        super().__init__()
+        attention = lambda: nn.MultiheadAttention(width, 8, batch_first=True)
+        self.body, self.project, self.norm = resnet50(3), nn.Conv2d(1024, width, 3, 1, 1), nn.LayerNorm(width)
+        self.encoders = nn.ModuleList(nn.TransformerEncoderLayer(width, 8, 4 * width, 0, batch_first=True) for _ in range(2))
+        self.queries = nn.ParameterList(torch.randn(1, queries, width) for _ in range(2))
+        self.among, self.across = nn.ModuleList(attention() for _ in range(2)), nn.ModuleList(attention() for _ in range(2))
+        self.linear = nn.Linear(2 * queries, 16)
+
+    def forward(self, x):
+        tokens, found = self.norm(self.project(self.body(x)).flatten(2).transpose(1, 2)), []
+        for encoder, query, among, across in zip(self.encoders, self.queries, self.among, self.across):
+            tokens, query = encoder(tokens), query.expand(x.shape[0], -1, -1)
+            query = query + among(query, query, query)[0]
+            found.append(across(query, tokens, tokens)[0])
+        return functional.normalize(self.linear(torch.cat(found, 1).transpose(1, 2)).flatten(1))
+
+
 class Vit(nn.Module):
     """A ViT-S/14 as DINOv2's: the class token after the last norm."""
 
@@ -90,10 +132,35 @@ class Vit(nn.Module):
         self.places, self.norm = nn.Parameter(torch.randn(1, 257, width) / 50), nn.LayerNorm(width)
         self.blocks = nn.Sequential(*[Block(width, 6) for _ in range(depth)])
 
-    def forward(self, x):
+    def tokens(self, x):
         tokens = self.patches(x).flatten(2).transpose(1, 2)
-        tokens = torch.cat([self.token.expand(x.shape[0], -1, -1), tokens], 1) + self.places
-        return self.norm(self.blocks(tokens))[:, 0]
+        return self.norm(self.blocks(torch.cat([self.token.expand(x.shape[0], -1, -1), tokens], 1) + self.places))
+
+    def forward(self, x):
+        return self.tokens(x)[:, 0]
+
+
+class Salad(nn.Module):
+    """A ViT-S/14 and SALAD (Izquierdo and Civera, CVPR 2024): optimal transport of tokens to clusters and a dustbin."""
+
+    def __init__(self):
+        super().__init__()
+        perceptron = lambda inputs, outputs: nn.Sequential(nn.Linear(inputs, 512), nn.ReLU(), nn.Linear(512, outputs))
+        self.body, self.dust = Vit(), nn.Parameter(torch.tensor(1.0))
+        self.token, self.values, self.scores = perceptron(384, 256), perceptron(384, 128), perceptron(384, 64)
+
+    def forward(self, x):
+        tokens = self.body.tokens(x)
+        patches = tokens[:, 1:]
+        scores = self.scores(patches).transpose(1, 2)
+        plan = torch.cat([scores, self.dust.expand(scores.shape[0], 1, scores.shape[2])], 1)
+        count = scores.shape[2]
+        shares = torch.cat([torch.zeros(64), torch.tensor([count - 64.0]).log()])[None, :, None]
+        for _ in range(3):  # Sinkhorn's steps, in logarithms
+            plan = plan - plan.logsumexp(2, keepdim=True) + shares
+            plan = plan - plan.logsumexp(1, keepdim=True)
+        clusters = functional.normalize(plan.exp()[:, :-1] @ self.values(patches), dim=2)
+        return functional.normalize(torch.cat([functional.normalize(self.token(tokens[:, 0])), clusters.flatten(1)], 1))
 
 
 def main():
@@ -105,7 +172,7 @@ def main():
     mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
     picture = ((pixels.double() / 255 - mean.double()) / deviation.double()).float().permute(2, 0, 1)[None]
     ways = {"default": {}, "open": {"dynamic_shapes": ({0: torch.export.Dim("batch", max=64)},)}, "older": {"dynamo": False}}
-    for network in (ResnetGem, VggNetvlad, Vit):
+    for network in (ResnetGem, VggNetvlad, Vit, Mixvpr, Salad, Boq):
         model = network().eval()
         for way, options in ways.items():
             name = f"{network.__name__}-{way}"

@@ -443,7 +443,7 @@ TEST(OnnxNets, NetworksOfToday) {
     for (int i = 0; i < 3; ++i)
       EXPECT_LT((found.col(i) - wanted).cwiseAbs().maxCoeff(), 1e-6f * std::max(1.0f, wanted.maxCoeff())) << path;
   }
-  EXPECT_GE(networks, 9);
+  EXPECT_GE(networks, 18);
 }
 
 }  // namespace
