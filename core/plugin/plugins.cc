@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <functional>
 
+#include "core/command_line/settings_file.h"
 #include "core/files/files.h"
 #include "core/plugin/plugin_stamp.h"
 #include "core/plugin/registry.h"
@@ -92,7 +93,7 @@ void add_plugin_option(CLI::App& app, int argc, char** argv) {
   scan.set_help_flag();
   scan.allow_extras();
   scan.allow_config_extras(CLI::config_extras_mode::ignore_all);
-  scan.set_config("--config");
+  add_settings_file(scan);
   declare(scan, [&files](const std::vector<std::string>& all) { files = all; });
   try {
     scan.parse(argc, argv);

@@ -26,6 +26,7 @@
 
 #include "core/command_line/help_text.h"
 #include "core/command_line/number_check.h"
+#include "core/command_line/settings_file.h"
 #include "core/util/log_format.h"
 #include "core/util/machine.h"
 #include "core/util/name.h"
@@ -349,7 +350,7 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     app.option_defaults()->multi_option_policy(
         CLI::MultiOptionPolicy::TakeLast);  // scripts append their user's options
     app.set_version_flag("--version", version());
-    app.set_config("--config", "", "TOML file with the same options, names without dashes");
+    add_settings_file(app, "TOML file with the same options, names without dashes");
     app.allow_config_extras(CLI::config_extras_mode::error);
     setup(app);
     check_numbers(app);

@@ -13,6 +13,7 @@
 #include <regex>
 #include <thread>
 
+#include "core/command_line/settings_file.h"
 #include "core/files/files.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"
@@ -113,7 +114,7 @@ std::map<std::string, std::string> options_of(std::vector<std::string> arguments
   for (const std::string& argument : arguments) given.push_back(argument.c_str());
   CLI::App app;
   app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
-  app.set_config("--config");
+  add_settings_file(app);
   Node::Options node;
   bool flag = false;
   std::vector<std::string> files;
@@ -127,6 +128,16 @@ std::map<std::string, std::string> options_of(std::vector<std::string> arguments
   for (const OptionValue& option : option_values(app, count, given.data()))
     found[option.name] = option.value + ", " + option.origin;
   return found;
+}
+
+TEST(OptionValues, ANumberSignInQuotesIsNoComment) {
+  const Folder folder;
+  const std::string file = folder / "options.toml";
+  write_file(file, "# first\ndomain = 3 # third\npeers = [\"a#1\", \"b\"]#both\ndiscovery-server = 'x # \"y' # one\n");
+  auto options = options_of({"--config", file});
+  EXPECT_EQ(options["--domain"], "3, file " + file);
+  EXPECT_EQ(options["--peers"], "a#1,b, file " + file);
+  EXPECT_EQ(options["--discovery-server"], "x # \"y, file " + file);
 }
 
 TEST(OptionValues, SayWhereTheyComeFrom) {
