@@ -63,7 +63,6 @@ Answer Api::answer(const Query& query) {
     const std::size_t depth = query.path.size();
     std::vector<std::string> methods = {"GET"};
     if (first == "runs" && depth == 2) methods = {"GET", "DELETE", "PATCH"};
-    if (first == "playback" && depth == 1) methods = {"GET", "PATCH"};
     if (std::find(methods.begin(), methods.end(), query.method) == methods.end()) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
       answer.headers.emplace_back("Allow", joined(methods));
@@ -81,7 +80,6 @@ Answer Api::answer(const Query& query) {
     if (first == "map" && depth == 2) return map(query);
     if (first == "frames" && depth == 3) return frame(query);
     if (first == "recognition" && (depth == 1 || depth == 3)) return recognition(query);
-    if (first == "playback" && depth == 1) return playback(query);
     if (first == "about" && depth == 1) return about();
     not_found("there is nothing of this name (docs/reference/dashboard-api.md lists what there is)");
   } catch (RequestError& error) {

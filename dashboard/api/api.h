@@ -13,7 +13,6 @@
 #include "dashboard/api/recognition_results.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
-#include "dashboard/playback/playback_control.h"
 #include "dashboard/store/store.h"
 #include "dashboard/store/store_reader.h"
 
@@ -30,9 +29,8 @@ class Api {
     std::string recognition;               ///< folder of vpr's results; empty: none
     std::function<bool()> recording;       ///< whether episodes reach the store now; unset: they do
     double silence = kRunSilence.count();  ///< seconds without news after which a run counts as lost
-    /// Set when a recording is shown. Only heartbeats of its policy_service then say whether a run goes on, because a
-    /// recording may be paused.
-    PlaybackControl* playback = nullptr;
+    /// A recording is played. Only heartbeats of its policy_service then say whether a run goes on, as it may be slow.
+    bool replays = false;
   };
   /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.
   Api(const Options& options, Store& store, LiveView* live);
@@ -67,7 +65,6 @@ class Api {
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
   Answer annotate(const std::string& name, const Query& query);
-  Answer playback(const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row, bool csv);
   Answer episodes(const RunRow& row, const Query& query);
@@ -91,8 +88,5 @@ class Api {
   std::map<std::pair<std::int64_t, EvaluationKey>, Figures>
       evaluations_;  // by row of `runs`; valid until episodes are added
 };
-
-/// Returns what GET /api/playback answers, but for its marks, for the live topic `playback`.
-nlohmann::json playback_json(const PlaybackControl& playback);
 
 }  // namespace citylearn

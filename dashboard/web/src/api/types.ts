@@ -88,36 +88,6 @@ export type About = Rows['about'];
 
 /** How far a run is: values of all axes of its curves. `wall` is in seconds of training. */
 export type RunMoment = Rows['moment'];
-/** The first and the last moment of a run that a recording has. */
-export interface MomentSpan {
-  first: RunMoment;
-  last: RunMoment;
-}
-
-/** How an open recording is played. */
-export interface Playback {
-  /** Seconds since its beginning. */
-  position: number;
-  /** Seconds; null while the recording is being read for it. */
-  length: number | null;
-  speed: number | 'max';
-  paused: boolean;
-  /** On its way to a position, as fast as it can. */
-  seeking: boolean;
-  ended: boolean;
-  /** How often an earlier position was asked for. What was fetched before is not of this time. */
-  generation: number;
-  /** How far the runs are at the position, by their IDs. */
-  runs: { [run: string]: RunMoment };
-}
-export interface PlaybackAnswer extends Playback {
-  /** How many there are in each hundredth of the recording. */
-  marks: { updates: number[]; episodes: number[] } | null;
-  spans: { [run: string]: MomentSpan } | null;
-}
-/** `moment` is a position, too: that of a run's update that is nearest to a point of an axis. */
-export type PlaybackChange = Partial<Pick<Playback, 'position' | 'speed' | 'paused'>> & { moment?: { run: string } & Partial<RunMoment> };
-
 /** Header of a `scene:` frame. */
 export interface SceneHeader {
   traversal: string;
