@@ -35,7 +35,6 @@ struct CommandLine {
   CLI::Option* store_option = nullptr;
   std::vector<std::string> open;
   std::string speed = "1";
-  std::string recognition;
   bool leave = false;
   Node::Options node;
 };
@@ -70,8 +69,6 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->type_name("FILE.mcap ...");
   app.add_option("--speed", line.speed, "Speed of recordings, relative to real time; max: as fast as possible")
       ->capture_default_str();
-  app.add_option("--recognition", line.recognition,
-                 "Folder of place-recognition results, as `citylearn vpr` writes them");
   app.add_flag("--leave", line.leave, "Unregister on exit, so env_services stop buffering episodes");
   line.node.service = "dashboard";
   line.node.id = "dashboard";
@@ -128,8 +125,7 @@ struct Watch {
         live(node, hub, live_options()),
         archive(RouteStore(*store), live),
         api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
-             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence.count(),
-             playback != nullptr},
+             line.node.middleware.domain, [this] { return !failing; }, kRunSilence.count(), playback != nullptr},
             *store, &live) {
     live.on_event = [this](const Event& event) { store->record(event); };
     recorder.on_event = [this](const Event& event) { live.publish(event); };

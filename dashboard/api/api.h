@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "dashboard/api/evaluations.h"
-#include "dashboard/api/recognition_results.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
 #include "dashboard/store/store.h"
@@ -26,7 +25,6 @@ class Api {
   struct Options {
     std::string vendor, session;           ///< of the dashboard's node
     std::uint32_t domain = 0;              ///< likewise
-    std::string recognition;               ///< folder of vpr's results; empty: none
     std::function<bool()> recording;       ///< whether episodes reach the store now; unset: they do
     double silence = kRunSilence.count();  ///< seconds without news after which a run counts as lost
     /// A recording is played. Only heartbeats of its policy_service then say whether a run goes on, as it may be slow.
@@ -60,7 +58,6 @@ class Api {
   Answer events(const Query& query);
   Answer map(const Query& query);
   Answer frame(const Query& query);
-  Answer recognition(const Query& query);
   Answer answer_run(const Query& query);
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
@@ -76,7 +73,6 @@ class Api {
   const Options options_;
   Store& store_;
   LiveView* const live_;
-  const RecognitionResults recognition_;
 
   std::mutex mutex_;
   std::vector<std::unique_ptr<StoreReader>> readers_;  // those not in use

@@ -8,7 +8,6 @@ import { Compare } from './pages/compare';
 import { Deployment } from './pages/deployment';
 import { Login } from './pages/login';
 import { Overview } from './pages/overview';
-import { Recognition } from './pages/recognition';
 import { RoutePage } from './pages/route';
 import { TrainingPage } from './pages/training';
 import { valueOf } from './state/resource';
@@ -22,7 +21,6 @@ const CONTENTS: Record<PageName, { title: string; Body: () => JSX.Element }> = {
   training: { title: 'Training', Body: TrainingPage },
   route: { title: 'Route', Body: RoutePage },
   deployment: { title: 'Deployment', Body: Deployment },
-  recognition: { title: 'Place recognition', Body: Recognition },
   compare: { title: 'Compare', Body: Compare },
 };
 

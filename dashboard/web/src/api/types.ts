@@ -50,44 +50,11 @@ export type ServiceEvent = Rows['event'] & { kind: 'started' | 'stopped' | 'lost
 
 export type TraversalMap = Rows['map'];
 
-/** What is shown of a row of what `citylearn vpr` wrote (results.json). */
-export interface RecognitionRow {
-  encoder: string;
-  dimension: number;
-  centring: string;
-  method: string;
-  query: string;
-  queries: number;
-  recall_1: number | null;
-  recall_1_interval: [number, number];
-  recall_5: number | null;
-  recall_10: number | null;
-  auc: number;
-  auc_interval: [number, number];
-  recall_at_full_precision: number;
-}
-export interface Recognition {
-  name: string;
-  command?: string;
-  reference?: string;
-  ground_truth?: string;
-  rows?: RecognitionRow[];
-  /** Files with similarities, for GET .../matrix?file=. */
-  matrices?: string[];
-  /** Why the summary cannot be read. */
-  error?: string;
-}
-
-/** Precision over recall of one row of a Recognition. */
-export interface RecognitionCurve extends Pick<RecognitionRow, 'encoder' | 'dimension' | 'centring' | 'method' | 'query' | 'auc'> {
-  recall: number[];
-  precision: number[];
-}
-
 export type About = Rows['about'];
 
 /** How far a run is: values of all axes of its curves. `wall` is in seconds of training. */
-export type RunMoment = Rows['moment'];
+export type RunMoment = Record<'update' | 'steps' | 'episodes' | 'wall', number>;
+
 /** Header of a `scene:` frame. */
 export interface SceneHeader {
   traversal: string;

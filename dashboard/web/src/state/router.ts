@@ -2,7 +2,7 @@
 import { signal } from '@preact/signals';
 import { useEffect } from 'preact/hooks';
 
-export const PAGES = ['overview', 'training', 'route', 'deployment', 'recognition', 'compare'] as const;
+export const PAGES = ['overview', 'training', 'route', 'deployment', 'compare'] as const;
 export type PageName = (typeof PAGES)[number];
 
 export interface Place {

@@ -39,8 +39,6 @@ export interface ChartProps {
   /** A point of the x axis that is marked on all lines. `onMark` is called when the user chooses another one, or none (null). */
   mark?: number | null;
   onMark?: (x: number | null) => void;
-  xRange?: [number, number];
-  yRange?: [number, number];
   /** The greatest value that there can be: no line and no label of the y axis lies above it. */
   max?: number | undefined;
   empty?: string;
@@ -96,7 +94,7 @@ function Legend({ lines, format }: { lines: readonly Line[]; format: (value: num
         .filter((line) => !line.faint)
         .map((line) => (
           <li key={line.key} class="row">
-            <Swatch colour={line.colour} dashed={line.dashed} />
+            <Swatch colour={line.colour} />
             {line.label}
             <span class="number">{format(lastOf(line))}</span>
           </li>
@@ -127,7 +125,7 @@ function Plot(props: PlotProps): JSX.Element {
     props.sync,
     xLabel,
     props.yLabel,
-    lines.map((line) => [line.key, line.colour, line.faint, line.dashed, line.band !== undefined]),
+    lines.map((line) => [line.key, line.colour, line.faint, line.band !== undefined]),
   ]);
 
   useEffect(() => {
@@ -216,7 +214,6 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       width: line.faint ? 1 : 2,
       spanGaps: true,
       points: { show: (u) => u.data[0].length < 24 && !line.faint, size: 5, fill: stroke },
-      ...(line.dashed ? { dash: [6, 4] } : {}),
     });
   }
   return {
@@ -230,14 +227,13 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       x: {
         time: false,
         range: (_, low, high) => {
-          const { zoom, xRange } = current.current as Current;
-          return zoom ? [zoom.from, zoom.to] : (xRange ?? (low === high ? [low - 1, high + 1] : [low, high]));
+          const { zoom } = current.current as Current;
+          return zoom ? [zoom.from, zoom.to] : low === high ? [low - 1, high + 1] : [low, high];
         },
       },
       y: {
         range: (_, low, high) => {
-          const { references, yRange, max = Infinity } = current.current as Current;
-          if (yRange) return yRange;
+          const { references, max = Infinity } = current.current as Current;
           const values = [low, high, ...references.map((reference) => reference.value)].filter(
             (value) => value !== null && Number.isFinite(value),
           );
