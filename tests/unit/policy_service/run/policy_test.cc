@@ -439,20 +439,6 @@ TEST(Controls, SequenceFilterRemembersEachExperience) {
       EXPECT_EQ(walk(*policy, 0, frames, start, goal, winter), std::abs(goal - start)) << start << " -> " << goal;
 }
 
-TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
-  const Folder folder;
-  NetworkTask task = some_task();
-  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
-  write_checkpoint(folder / "map.clk", some_checkpoint("place_filter", task));
-  PolicyServiceOptions options;
-  options.node.session = "map-" + std::to_string(getpid());
-  options.node.id = "policy";
-  options.node.middleware.name = "inprocess";
-  options.mode = "evaluate";
-  options.checkpoint = folder / "map.clk";
-  EXPECT_TRUE(contains(error_of([&] { run_policy_service(options); }), "crosses itself"));
-}
-
 TEST(Controls, TakeTheShortestWayOnAMap) {
   const int frames = 24, dimension = 8, first = 5;
   ControlTask task = some_control_task(first, frames, dimension);
