@@ -30,6 +30,7 @@ class Line:
     low: list[float] = field(default_factory=list)
     high: list[float] = field(default_factory=list)
     dashed: bool = False  # a yardstick rather than a measurement
+    dots: bool = False  # points without a line between them
 
     def add(self, x: float, y: float, *band: float) -> None:
         """Adds a point, with the low and the high end of its band if there is one."""
@@ -100,7 +101,7 @@ def _legend(axes) -> None:
 
 
 def draw_chart(chart: Chart) -> Figure:
-    """Draws lines; values that are not finite are left out."""
+    """Draws lines and dots; values that are not finite are left out."""
     figure, axes = _new_plot(chart.width, chart.height, chart.title)
     styles = itertools.product(DASHES, COLOURS)
     for line, (dashes, colour) in zip(chart.lines, itertools.cycle(styles)):
@@ -109,7 +110,7 @@ def draw_chart(chart: Chart) -> Figure:
         x, y = [point[0] for point in points], [point[1] for point in points]
         if band:
             axes.fill_between(*zip(*band), color=colour, alpha=0.18, linewidth=0)
-        single = len(points) == 1
+        single = line.dots or len(points) == 1
         style = "none" if single else DASHES[1] if line.dashed else dashes
         axes.plot(x, y, color=colour, label=line.label, linestyle=style, marker="o" if single else None, clip_on=False)
     axes.set_xlabel(chart.x_label)

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "core/task/reward.h"
+#include "core/task/route_map.h"
 #include "core/util/random.h"
 #include "policy_service/learning/optimization/gradient_step.h"
 #include "policy_service/learning/optimization/replay.h"
