@@ -6,8 +6,8 @@
 #include <numeric>
 #include <utility>
 
+#include "core/task/action.h"
 #include "core/task/path.h"
-#include "core/task/route_map.h"
 
 namespace citylearn {
 
@@ -83,7 +83,7 @@ int Environment::place_to_begin(AgentState& agent) const {
 
 std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
   const int here = agents_[static_cast<std::size_t>(agent)].frame, first = static_cast<int>(settings_.first_frame());
-  return {first + here, first + (action < kActions ? place_after(here, action, {}) : here)};
+  return {first + here, first + (action < kActions ? place_after(here, action) : here)};
 }
 
 /// Returns the place to which the robot is sent, or draws one that is not where the agent stands.
@@ -261,8 +261,8 @@ void Environment::observe(msg::Scene& scene) const {
 }
 
 void Environment::move(AgentState& agent, std::uint8_t action) {
-  const int intended = place_after(agent.frame, action, {});
-  agent.frame = place_after(agent.frame, action, {}, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
+  const int intended = place_after(agent.frame, action);
+  agent.frame = place_after(agent.frame, action, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
   if (robot_) agent.frame = on_route(robot_->place);
   agent.strayed = agent.strayed || agent.frame != intended;
 }

@@ -13,7 +13,6 @@
 #include <vector>
 
 #include "core/task/reward.h"
-#include "core/task/route_map.h"
 #include "core/task/spl.h"
 #include "env_service/images/image_sources.h"
 #include "tests/support/data/fake_images.h"
@@ -82,11 +81,11 @@ TEST(ImperfectWorld, ASlippingActionIsDoneNeverOrTwice) {
 }
 
 TEST(ImperfectWorld, AnActionDoneTwiceStaysOnTheRoute) {
-  EXPECT_EQ(place_after(2, kNext, {}, 2, 4), 3);
-  EXPECT_EQ(place_after(1, kPrevious, {}, 2, 4), 0);
-  EXPECT_EQ(place_after(0, kNext, {}, 2, 4), 2);
-  EXPECT_EQ(place_after(0, kNext, {}, 0, 4), 0);
-  EXPECT_EQ(place_after(1, kStay, {}, 2, 4), 1);
+  EXPECT_EQ(place_after(2, kNext, 2, 4), 3);
+  EXPECT_EQ(place_after(1, kPrevious, 2, 4), 0);
+  EXPECT_EQ(place_after(0, kNext, 2, 4), 2);
+  EXPECT_EQ(place_after(0, kNext, 0, 4), 0);
+  EXPECT_EQ(place_after(1, kStay, 2, 4), 1);
 }
 
 TEST(ImperfectWorld, ADroppedFrameShowsTheOneBefore) {

@@ -7,7 +7,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/task/path.h"
-#include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/wire/messages.h"
 #include "encoder_service/encoding/encoder.h"
@@ -36,7 +35,7 @@ std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_
   std::vector<int> walked = {start};
   for (int step = 0; step < steps; ++step) {
     const std::uint8_t action = action_at(path, static_cast<std::size_t>(step));
-    const int place = action < kActions ? place_after(walked.back(), action, {}) : -1;
+    const int place = action < kActions ? place_after(walked.back(), action) : -1;
     if (place < 0 || place >= places)
       throw Error("step " + std::to_string(step) + " leads off the route", "path of an episode");
     walked.push_back(place);
