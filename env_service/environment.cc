@@ -6,7 +6,7 @@
 #include <numeric>
 #include <utility>
 
-#include "core/task/action.h"
+#include "core/task/moves.h"
 #include "core/task/path.h"
 
 namespace citylearn {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "core/task/action.h"
+#include "core/task/moves.h"
 #include "core/task/reward.h"
 #include "core/util/random.h"
 #include "policy_service/learning/optimization/gradient_step.h"

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/task/action.h"
+#include "core/task/moves.h"
 #include "policy_service/network/layers.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"

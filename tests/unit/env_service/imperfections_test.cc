@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/task/moves.h"
 #include "core/task/reward.h"
 #include "core/task/spl.h"
 #include "env_service/images/image_sources.h"

@@ -6,6 +6,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "core/task/moves.h"
 #include "core/task/path.h"
 #include "core/util/error.h"
 #include "core/wire/messages.h"

@@ -8,6 +8,7 @@
 #include <fstream>
 
 #include "core/files/files.h"
+#include "core/task/moves.h"
 #include "core/util/error.h"
 #include "core/util/random.h"
 #include "policy_service/distributed/heartbeat_thread.h"
