@@ -245,16 +245,16 @@ class PlaceFilter : public AgentNetwork<S> {
       ds.evidence += by_evidence;
       ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
       if (column < agents || inputs.first[index]) continue;
-      auto by_before = work.by_score.col(column - agents);
+      auto by_score_before = work.by_score.col(column - agents);
       if (work.motion.exact()) {
-        work.motion.unshift(previous, by_score, by_before);
+        work.motion.unshift(previous, by_score, by_score_before);
         continue;
       }
       const auto moved = work.moved.col(column).array();
       work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
       const auto from = work.belief.col(column - agents);
       work.motion.unmove(previous, work.column, work.by_moved);
-      by_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
+      by_score_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
     }
     auto out = layout_.view(gradient, scalars_);
     const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
