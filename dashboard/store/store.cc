@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/store/store.h"
 
-
 #include <filesystem>
 #include <fstream>
 

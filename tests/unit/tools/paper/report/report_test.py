@@ -46,7 +46,7 @@ class TheReport(TemporaryFolder):
         for remark in ("1 of 2 seeds did not reach SPL 0.95", "Worse than the paper: features",
                        "Lower SPL than blind, which never", "did not reach the goal on", "lost on the second route",
                        "no better than a policy that never looks", "1 of 3 trainings failed",
-                       "less than the sequence filter", "two experiences are worse than one on mixed",
+                       "two experiences are worse than one on mixed",
                        "place_filter, slip 10 %, summer: SPL 0.900, less than sequence_filter 0.950",
                        "place_filter, perfect: 1 of 2 trainings failed", "Not tried: 2048 features. hog has 600",
                        "64 features do better than 511: SPL 0.900 and 0.800. Best: 64 with 0.900",
