@@ -7,10 +7,8 @@
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
-#include <functional>
 #include <iostream>
 #include <optional>
-#include <shared_mutex>
 
 #include "core/exchange/timing.h"
 #include "core/metrics/exposition.h"
@@ -21,8 +19,7 @@
 #include "dashboard/live/live.h"
 #include "dashboard/live/route_archive.h"
 #include "dashboard/live/runs_feed.h"
-#include "dashboard/playback/page_link.h"
-#include "dashboard/playback/playback.h"
+#include "dashboard/playback.h"
 #include "dashboard/store/recorder.h"
 
 namespace {
@@ -30,7 +27,6 @@ namespace {
 using namespace citylearn;
 
 const std::string kAllRuns = "all";
-constexpr std::chrono::milliseconds kPositionInterval{250};  // between two messages of topic `playback`
 
 struct CommandLine {
   ServerOptions server;
@@ -39,7 +35,6 @@ struct CommandLine {
   CLI::Option* store_option = nullptr;
   std::vector<std::string> open;
   std::string speed = "1";
-  std::string recognition;
   bool leave = false;
   Node::Options node;
 };
@@ -69,15 +64,11 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.option_defaults()->group("Records");
   line.store_option =
       app.add_option("--store", line.store, "Database file of all records; created if missing")->capture_default_str();
-  app.add_option(
-         "--open", line.open,
-         "Show recordings (citylearn record) instead of live services, with a bar to pause them and to go to any "
-         "position; without --store nothing is kept. With a LINK that was copied from the page, at its moment")
-      ->type_name("FILE.mcap ... [LINK]");
-  app.add_option("--speed", line.speed, "Speed of recordings at first, relative to real time; max: as fast as possible")
+  app.add_option("--open", line.open,
+                 "Play recordings (citylearn record) instead of showing live services; without --store nothing is kept")
+      ->type_name("FILE.mcap ...");
+  app.add_option("--speed", line.speed, "Speed of recordings, relative to real time; max: as fast as possible")
       ->capture_default_str();
-  app.add_option("--recognition", line.recognition,
-                 "Folder of place-recognition results, as `citylearn vpr` writes them");
   app.add_flag("--leave", line.leave, "Unregister on exit, so env_services stop buffering episodes");
   line.node.service = "dashboard";
   line.node.id = "dashboard";
@@ -86,18 +77,6 @@ void add_options(CLI::App& app, CommandLine& line) {
   add_metrics_option(app, line.node);
   add_memory_option(app);
   app.get_option("--session")->description("Session to show and record, or all of the domain's");
-}
-
-/// Takes the link out of the values of --open, which leaves the files.
-std::optional<PageLink> take_link(std::vector<std::string>& open) {
-  const auto links = std::stable_partition(open.begin(), open.end(), std::not_fn(is_link));
-  if (links == open.end()) return std::nullopt;
-  if (open.end() - links > 1) throw Error("takes one link", "--open");
-  PageLink link = parse_page_link(*links);
-  open.erase(links, open.end());
-  if (open.empty())
-    throw Error("a link does not say where its recording is", "--open", "name its files too: --open FILE.mcap LINK");
-  return link;
 }
 
 /// Raises the limit of open files: a thousand clients and the middleware need more than the usual 1,024.
@@ -131,46 +110,43 @@ void dispatch(Node& node, Message& message, Listeners&... listeners) {
   while (node.take(message)) (listeners.on_message(message), ...);
 }
 
-/// The parts that watch the domain and answer from what they have seen. They are made anew when an earlier position of
-/// a recording is asked for, so that nothing of a later one is left.
+/// The parts that watch the domain and answer from what they have seen.
 struct Watch {
-  Watch(const CommandLine& line, Hub& hub, const std::optional<Timeline>& timeline, const ReplayOptions& replay,
-        std::uint64_t begins)
-      : generation(begins),
-        temporary(timeline && line.store_option->count() == 0 ? std::make_unique<TemporaryFolder>() : nullptr),
-        playback(timeline ? std::make_unique<Playback>(line.node.middleware.domain, replay, begins, *timeline)
-                          : nullptr),
+  Watch(const CommandLine& line, Hub& hub)
+      : temporary(!line.open.empty() && line.store_option->count() == 0 ? std::make_unique<TemporaryFolder>()
+                                                                        : nullptr),
+        playback(line.open.empty()
+                     ? nullptr
+                     : std::make_unique<Playback>(line.node.middleware.domain,
+                                                  ReplayOptions{line.open, replay_speed(line.speed), {}, ""})),
         store(open_store(temporary ? temporary->path() + "/dashboard.sqlite" : line.store)),
         node(line.node),
         recorder(node, *store),
         live(node, hub, live_options()),
         archive(RouteStore(*store), live),
         api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
-             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence.count(),
-             playback.get()},
+             line.node.middleware.domain, [this] { return !failing; }, kRunSilence.count(), playback != nullptr},
             *store, &live) {
     live.on_event = [this](const Event& event) { store->record(event); };
     recorder.on_event = [this](const Event& event) { live.publish(event); };
   }
 
   /// Handles the messages that have arrived and does what is due.
-  void turn(Hub& hub) {
+  void turn() {
     if (playback) heard_until = playback->now();
-    const auto arrival = playback ? playback->arrived() : std::nullopt;
     dispatch(node, status, recorder, live);
     dispatch(node, traversal, recorder, live);
     dispatch(node, run, recorder, live);
     dispatch(node, stat, recorder, live);
     recorder.poll();
     live.poll();
-    if (!temporary) archive.poll();
+    archive.poll();
     recorded = recorder.recorded();
     failing = recorder.failing();
-    if (arrival && recorder.up_to_date()) playback->show(*arrival);
-    if (playback) show_playback(hub);
+    if (playback) show_messages();
   }
 
-  void show_playback(Hub& hub) {
+  void show_messages() {
     for (const std::string& text : playback->take_messages()) {
       const Event event{seconds_since_epoch(), "", node.options().id, "recording", text};
       spdlog::info("{}", text);
@@ -181,12 +157,8 @@ struct Watch {
         spdlog::error("{}", error.what());
       }
     }
-    if (Clock::now() < next_position) return;
-    next_position = Clock::now() + kPositionInterval;
-    hub.publish("playback", {}, bytes_of(text_of(playback_json(*playback))), Hub::Merge::kReplace);
   }
 
-  const std::uint64_t generation;
   std::unique_ptr<TemporaryFolder> temporary;
   std::unique_ptr<Playback> playback;
   // Taken once a turn: heartbeats that wait to be handled are of that time at least, however fast a recording is
@@ -194,7 +166,6 @@ struct Watch {
   std::atomic<Clock::time_point> heard_until{playback ? playback->now() : Clock::time_point()};
   std::atomic<std::uint64_t> recorded{0};
   std::atomic<bool> failing{false};
-  Clock::time_point next_position;
   std::unique_ptr<Store> store;
   Node node;
   Recorder recorder;
@@ -214,42 +185,6 @@ struct Watch {
   }
 };
 
-/// The Watch that there is now, for the threads that answer requests.
-class CurrentWatch {
- public:
-  /// Calls `work(watch)`, during which the watch stays.
-  template <class Work>
-  auto with(Work work) {
-    const std::shared_lock lock(mutex_);
-    return work(*watch_);
-  }
-  /// Destroys the watch, then makes another one: only one may write a store, and answer to a name.
-  template <class... Arguments>
-  Watch& renew(Arguments&&... arguments) {
-    const std::unique_lock lock(mutex_);
-    watch_.reset();
-    return watch_.emplace(std::forward<Arguments>(arguments)...);
-  }
-
-  Answer answer(const Query& query) {
-    return with([&](Watch& watch) {
-      Answer answer = watch.api.answer(query);
-      if (answer.more)
-        answer.more = [this, more = std::move(answer.more), begins = watch.generation](std::string& text) {
-          return with([&](Watch& now) {
-            if (now.generation != begins) throw Error("an earlier position of the recording was asked for");
-            return more(text);
-          });
-        };
-      return answer;
-    });
-  }
-
- private:
-  std::shared_mutex mutex_;
-  std::optional<Watch> watch_;
-};
-
 /// Tells demos that start on this machine about a dashboard that hears them (tools/citylearn/demo.sh reads it).
 void publish_writer(Watch& watch, const Node::Options& node, const std::string& link) {
   const MiddlewareOptions& dds = node.middleware;
@@ -262,47 +197,23 @@ int serve(CommandLine& line) {
   line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
   if (line.node.session == kAllRuns) line.node.session.clear();  // as the node spells it
   allow_many_files();
-  ReplayOptions replay;
-  std::optional<Timeline> timeline;
-  std::optional<PageLink> link = take_link(line.open);
-  if (!line.open.empty()) {
-    line.node.middleware.name = "inprocess";
-    replay = {line.open, replay_speed(line.speed), {}, ""};
-    replay.paused = link && link->moment;
-    timeline.emplace(line.open);
-  }
+  if (!line.open.empty()) line.node.middleware.name = "inprocess";
   ClientHub hub;
-  CurrentWatch current;
   // Before the server: the node's sockets then have low numbers, whatever clients do.
-  Watch* watch = &current.renew(line, hub, timeline, replay, 0);
-  Server server(
-      line.server, hub,
-      {[&](const Query& query) { return current.answer(query); },
-       [&] {
-         return current.with([](Watch& now) { return metrics(now.recorded, now.failing) + now.node.metrics().text(); });
-       },
-       [&](bool alarms) { return current.with([&](Watch& now) { return now.node.metrics().problem(alarms); }); }});
-  const RunsFeed runs(hub, [&] { return current.with([](Watch& now) { return now.api.runs(); }); });
-  std::cout << "dashboard: " << server.link() << (link ? link->fragment : "") << std::endl;
-  publish_writer(*watch, line.node, server.link());
-  watch->node.report(msg::RUNNING, "serving " + server.url());
+  Watch watch(line, hub);
+  Server server(line.server, hub,
+                {[&](const Query& query) { return watch.api.answer(query); },
+                 [&] { return metrics(watch.recorded, watch.failing) + watch.node.metrics().text(); },
+                 [&](bool alarms) { return watch.node.metrics().problem(alarms); }});
+  const RunsFeed runs(hub, [&] { return watch.api.runs(); });
+  std::cout << "dashboard: " << server.link() << std::endl;
+  publish_writer(watch, line.node, server.link());
+  watch.node.report(msg::RUNNING, "serving " + server.url());
   while (!stop_requested()) {
-    watch->turn(hub);
-    if (const auto outline = link && link->moment ? timeline->outline() : nullptr) {
-      PlaybackChange change;
-      change.position = position_of(*link->moment, *outline, watch->playback->state());
-      watch->playback->change(change);
-      link.reset();
-    }
-    if (const auto again = watch->playback ? watch->playback->restart() : std::nullopt) {
-      const std::uint64_t begins = watch->generation + 1;
-      watch = &current.renew(line, hub, timeline, *again, begins);
-      hub.forget();
-      watch->node.report(msg::RUNNING, "serving " + server.url());
-    }
-    watch->node.wait(std::min({watch->recorder.due(), watch->live.due(), Clock::now() + kStopCheckInterval}));
+    watch.turn();
+    watch.node.wait(std::min({watch.recorder.due(), watch.live.due(), Clock::now() + kStopCheckInterval}));
   }
-  watch->recorder.finish(line.leave);
+  watch.recorder.finish(line.leave);
   return 0;
 }
 

@@ -20,7 +20,6 @@ struct AgentState {
   EpisodeReward rule = {0, 1};
   float episode_reward = 0, reward = 0;
   std::uint8_t previous_action = kNoAction, flags = 0;
-  std::vector<int> distances;      ///< to the goal from each place of the route; empty on a line
   std::vector<int> order;          ///< frame shown at each place of the route, when shuffled
   std::vector<std::uint8_t> path;  ///< of the episode so far, 2 bits an action
   bool strayed = false;            ///< in this episode it was moved elsewhere than its actions say

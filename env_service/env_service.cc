@@ -129,9 +129,6 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
       info_(server_.info()),
       outbox_(options.recorders),
       linger_(options.linger) {
-  if (!traversal_.turns.empty())
-    throw Error("crosses itself, which the messages cannot express yet", "traversal '" + traversal_.name + "'",
-                "leave its turns empty");
   if (options.live)
     live_ = std::make_unique<LiveSteps>(
         environment_, std::make_unique<Robot>(options.live->robot, node_.options().id, node_.options().middleware,

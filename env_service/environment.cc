@@ -6,8 +6,8 @@
 #include <numeric>
 #include <utility>
 
+#include "core/task/moves.h"
 #include "core/task/path.h"
-#include "core/task/route_map.h"
 
 namespace citylearn {
 
@@ -22,7 +22,6 @@ Environment::Environment(const Traversal& traversal, int agents, const Imperfect
     : traversal_(traversal), traversal_hash_(traversal.hash()), imperfections_(imperfections) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
-  check_turns(traversal.turns, traversal.frames);
   agents_.resize(agents);
 }
 
@@ -53,7 +52,6 @@ void Environment::reset(const msg::TaskSettings& settings) {
   finished_.clear();
   finished_.reserve(agents_.size());
   const int frames = static_cast<int>(settings.frames());
-  turns_ = turns_within(traversal_.turns, static_cast<int>(settings.first_frame()), frames);
   for (int index = 0; index < agents(); ++index) {
     AgentState& agent = agents_[index];
     agent = AgentState{};
@@ -85,7 +83,7 @@ int Environment::place_to_begin(AgentState& agent) const {
 
 std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
   const int here = agents_[static_cast<std::size_t>(agent)].frame, first = static_cast<int>(settings_.first_frame());
-  return {first + here, first + (action < kActions ? place_after(here, action, turns_) : here)};
+  return {first + here, first + (action < kActions ? place_after(here, action) : here)};
 }
 
 /// Returns the place to which the robot is sent, or draws one that is not where the agent stands.
@@ -107,7 +105,6 @@ void Environment::begin_episode(AgentState& agent) {
   const int frames = static_cast<int>(settings_.frames());
   agent.start = agent.frame;
   agent.goal = goal_to_begin(agent);
-  if (!turns_.empty()) distances_to(agent.goal, frames, turns_, agent.distances);
   agent.rule = {distance(agent, agent.start), static_cast<int>(settings_.max_steps())};
   agent.steps = 0;
   agent.episode_reward = 0;
@@ -147,9 +144,7 @@ std::uint8_t Environment::allowed(int frame) const {
   return mask;
 }
 
-int Environment::distance(const AgentState& agent, int frame) {
-  return agent.distances.empty() ? std::abs(agent.goal - frame) : agent.distances[static_cast<std::size_t>(frame)];
-}
+int Environment::distance(const AgentState& agent, int frame) { return std::abs(agent.goal - frame); }
 
 void Environment::check(std::span<const std::uint8_t> actions) const {
   if (actions.size() != agents_.size())
@@ -266,9 +261,8 @@ void Environment::observe(msg::Scene& scene) const {
 }
 
 void Environment::move(AgentState& agent, std::uint8_t action) {
-  const int intended = place_after(agent.frame, action, turns_);
-  agent.frame =
-      place_after(agent.frame, action, turns_, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
+  const int intended = place_after(agent.frame, action);
+  agent.frame = place_after(agent.frame, action, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
   if (robot_) agent.frame = on_route(robot_->place);
   agent.strayed = agent.strayed || agent.frame != intended;
 }

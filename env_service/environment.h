@@ -107,7 +107,6 @@ class Environment {
   const std::uint64_t traversal_hash_;
   const Imperfections imperfections_;
   msg::TaskSettings settings_;
-  std::vector<int> turns_;  ///< of the route
   std::vector<AgentState> agents_;
   std::vector<Episode> finished_;
   std::uint64_t step_ = 0;

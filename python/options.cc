@@ -220,9 +220,6 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
                       options.imperfections};
   Traversal& traversal = recording.traversal;
   traversal.name = name_from(traversal.name);
-  if (!traversal.turns.empty())
-    throw Error("crosses itself, which agents cannot be told yet", "traversal '" + traversal.name + "'",
-                "leave its turns empty");
   for (const std::string option : {"encoder", "reference", "dimension"})
     if (!traversal.images && keywords.contains(option))
       throw Error("is for pictures, but traversal '" + traversal.name + "' has features", "--" + option,

@@ -3,11 +3,10 @@
 
 namespace citylearn::bench {
 
-void take_turns(std::span<Contender> contenders, int rounds, bool warm_each) {
+void take_turns(std::span<Contender> contenders, int rounds) {
   for (const Contender& one : contenders) one.work();
   for (int round = 0; round < rounds; ++round)
     for (Contender& one : contenders) {
-      if (warm_each) one.work();
       one.seconds.push_back(seconds(one.work));
       one.ratios.push_back(one.seconds.back() / contenders.front().seconds.back());
     }

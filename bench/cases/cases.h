@@ -18,23 +18,15 @@ namespace citylearn::bench {
 
 /// Each adds its options to the command of its name and returns what it measures. NAME.md states its question.
 using Measure = std::function<void()>;
-Measure encoder(CLI::App& command);
 Measure encoding(CLI::App& command);
 Measure images(CLI::App& command);
-Measure live(CLI::App& command);
 Measure loop(CLI::App& command);
-Measure loss(CLI::App& command);
-Measure places(CLI::App& command);
-Measure products(CLI::App& command);
 Measure roles(CLI::App& command);
 Measure security(CLI::App& command);
 Measure services(CLI::App& command);
 Measure startup(CLI::App& command);
-Measure store(CLI::App& command);
 Measure threads(CLI::App& command);
-Measure torch(CLI::App& command);
 Measure training(CLI::App& command);
-Measure updates(CLI::App& command);
 
 /// What is timed by turns with others.
 struct Contender {
@@ -43,9 +35,8 @@ struct Contender {
   std::vector<double> seconds = {}, ratios = {};  ///< by round; the time divided by the first contender's
 };
 
-/// Times all contenders in each round. All work once before, to warm up; with `warm_each` each of them before each
-/// time.
-void take_turns(std::span<Contender> contenders, int rounds, bool warm_each = false);
+/// Times all contenders in each round. All work once before, to warm up.
+void take_turns(std::span<Contender> contenders, int rounds);
 
 /// Services on loopback that find none but one another. They are killed when this goes.
 class Session {

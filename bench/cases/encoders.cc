@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <filesystem>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "bench/cases/cases.h"
-#include "encoder_service/onnx/onnx_network.h"
+#include "encoder_service/encoding/encoder.h"
 #include "env_service/drawn_city/drawn_images.h"
-#include "tests/support/data/real_data.h"
 
 namespace citylearn::bench {
 namespace {
@@ -59,52 +57,6 @@ void compare(const std::string& title, std::vector<Contender>& contenders, int r
   }
 }
 
-struct EncoderCase {
-  EncoderFiles files;
-  std::map<std::string, double> values;  ///< of the network's parameters
-  int rounds = 15;
-};
-
-void measure(const EncoderCase& options) {
-  constexpr int kPictures = 16;
-  const std::string& model = options.files.model;
-  if (!std::filesystem::exists(model)) {
-    std::printf("skipped: no model '%s' (name one with --model)\n", model.c_str());
-    return;
-  }
-  const auto& entry = EncoderRegistry::instance().find("encoder", "onnx");
-  const auto encoder = entry.create(Parameters("onnx", entry.parameters, options.values), options.files);
-  OnnxNetwork network(Parameters("onnx", network_parameters(), options.values), options.files);
-  const std::vector<Bytes> files = drawn_files(kJpeg, kPictures);
-  const std::vector<cv::Mat> large = decoded(files);
-  std::vector<cv::Mat> exact(large.size()), inputs;
-  for (std::size_t i = 0; i < large.size(); ++i) cv::resize(large[i], exact[i], {network.width(), network.height()});
-  const auto in_batches = [&](const std::vector<cv::Mat>& pictures, const auto& use) {
-    const auto batch = static_cast<std::size_t>(network.batch());
-    for (std::size_t i = 0; i < pictures.size(); i += batch)
-      use(network.prepare(std::span(pictures).subspan(i, std::min(batch, pictures.size() - i))));
-  };
-  in_batches(exact, [&](const cv::Mat& input) { inputs.push_back(input.clone()); });
-
-  // The library and nothing else: inputs prepared, outputs thrown away.
-  const auto forward = [&] {
-    for (const cv::Mat& input : inputs) network.run(input);
-  };
-  std::vector<Contender> contenders = {
-      {"the library's forward pass alone", forward},
-      {"encoder, pictures of the input's size", [&] { encoder->encode(exact); }},
-      {"encoder, pictures of 640 x 480", [&] { encoder->encode(large); }},
-      {"encoder, 640 x 480, from JPEG", [&] { encoder->encode(decoded(files)); }},
-      {"of that: decoding", [&] { decoded(files); }},
-      {"of that: resizing and normalising", [&] { in_batches(large, [](const cv::Mat&) {}); }}};
-  compare(encoder->spec().name, contenders, options.rounds, kPictures);
-  for (const Contender& one : contenders)
-    record_figure({.name = one.name,
-                   .value = 1e3 * median(one.seconds) / kPictures,
-                   .unit = "ms/image",
-                   .better = Better::kLower});
-}
-
 void measure(const Kind& kind, const std::vector<std::string>& names, int threads, int rounds) {
   constexpr std::size_t kPictures = 32;
   cv::setNumThreads(threads);
@@ -136,19 +88,6 @@ void measure(const Kind& kind, const std::vector<std::string>& names, int thread
 }
 
 }  // namespace
-
-Measure encoder(CLI::App& command) {
-  const auto options = std::make_shared<EncoderCase>();
-  options->files.model = testing::real_data(CITYLEARN_SOURCE_DIR, "nets/osnet_x0_25_msmt17.onnx");
-  command.add_option("--model", options->files.model, "ONNX file");
-  command.add_option("--layer", options->files.layer, "output layer; the last one by default");
-  command.add_option("--preset", options->files.preset, "input size, mean, deviation and layer of a known network");
-  command.add_option("--rounds", options->rounds, "rounds")->check(CLI::Range(1, 1000));
-  for (const std::string side : {"width", "height"})
-    command.add_option_function<int>(
-        "--" + side, [options, side](int pixels) { options->values[side] = pixels; }, "of the input, in pixels");
-  return [options] { measure(*options); };
-}
 
 Measure encoding(CLI::App& command) {
   const auto names = std::make_shared<std::vector<std::string>>(

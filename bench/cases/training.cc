@@ -4,7 +4,7 @@
 #include <fmt/core.h>
 
 #include "bench/cases/cases.h"
-#include "bench/parameters.h"
+#include "core/util/error.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/rollout/network_policy.h"
 
@@ -19,6 +19,25 @@ struct Options {
   int frames = 128, tasks = 2000;
   double time_limit = 0;
 };
+
+/// Assigns each name=value to the part that has such a parameter: network, learner or trainer. Throws Error.
+void give_parameters(const std::vector<std::string>& set, TrainerOptions& options) {
+  const auto known = Trainer::recommended_parameters(options.agent, options.learner);
+  for (const std::string& one : set) {
+    const std::size_t equals = one.find('=');
+    if (equals == std::string::npos) throw Error("is not name=value", "--set " + one);
+    const std::string name = one.substr(0, equals);
+    const double value = std::stod(one.substr(equals + 1));
+    if (known.at("network").contains(name))
+      options.network_parameters[name] = value;
+    else if (known.at("learner").contains(name))
+      options.learner_parameters[name] = value;
+    else if (known.at("trainer").contains(name))
+      options.trainer_parameters[name] = value;
+    else
+      throw Error("no such parameter", "--set " + one);
+  }
+}
 
 /// Prints what the agent is worth on tasks of a traversal.
 void evaluate(const TrainedAgent& agent, const Traversal& traversal, const Options& options) {

@@ -71,7 +71,6 @@ inline constexpr auto kReplayPeriod = 20ms;     ///< in which half a writer's hi
 inline constexpr auto kReplayTimeout = 2000ms;  ///< for readers to come, and to acknowledge
 inline constexpr auto kReplayQuiet = 1500ms;    ///< at the end, without a message of a reader: all have everything
 inline constexpr auto kReplayEnd = 30s;         ///< the longest wait at the end
-inline constexpr auto kReplayProgress = 30s;    ///< for a learner to accept trajectories; an update may be long
 inline constexpr auto kReplayPoll = 5ms;        ///< between two looks at whether readers go on
 inline constexpr auto kTopicSearch = 20ms;      ///< between two looks of a recorder for new topics
 

@@ -9,37 +9,17 @@
 
 namespace citylearn {
 
-/// The position and speed of a playback of recordings.
-struct ReplayState {
-  double position = 0;  ///< seconds since the first message, as RecordingClock measures them
-  double speed = 1;     ///< relative to the recording; 0: as fast as readers can follow
-  bool paused = false;
-  bool seeking = false;  ///< on its way to a position, as fast as readers can follow
-  bool ended = false;    ///< all messages were played
-};
-
-/// The time of recordings that are played: says when their messages are due. It can be paused, made faster or slower,
-/// and sent ahead, but not back: what was played was heard. Used by one thread, but for the methods of the first group.
+/// The time of recordings that are played: says when their messages are due. Used by one thread, but for now().
 class ReplayClock {
  public:
-  explicit ReplayClock(const ReplayState& begin = {}) : state_(begin) {
-    state_.position = 0;
-    seek(begin.position);
-  }
+  /// `speed` is relative to the recording; 0: as fast as readers can follow.
+  explicit ReplayClock(double speed) : speed_(speed) {}
 
-  // Any thread.
-  void pause(bool paused);
-  void set_speed(double speed);
-  /// Plays everything up to `seconds` as fast as readers can follow, also while paused. An earlier position than the
-  /// present one changes nothing.
-  void seek(double seconds);
-  ReplayState state() const;
-  /// Returns a time that goes as the position does, and after the end as the machine's clock does. It tells whether a
-  /// service of the recording is silent.
+  /// Returns a time that goes as the recording does, and after the end as the machine's clock does. It tells whether a
+  /// service of the recording is silent. May be used by any thread.
   Clock::time_point now() const;
-
-  /// Returns when the next message, at `position` (nanoseconds), is to be played: time_point::max() while paused. Call
-  /// it again at the latest some milliseconds later, as the answer may change.
+  /// Returns when the next message, at `position` (nanoseconds since the first one), is to be played. Call it again at
+  /// the latest some milliseconds later, so that now() goes on.
   Clock::time_point due(std::int64_t position);
   /// Delays all messages that follow by this time, because readers were waited for.
   void delay(Clock::duration time);
@@ -47,12 +27,12 @@ class ReplayClock {
   void end(std::int64_t position);
 
  private:
-  double reached(Clock::time_point now) const;
-  void set_base(std::optional<double> at = {});
+  double reached() const;
 
+  const double speed_;
   mutable std::mutex mutex_;
-  ReplayState state_;
-  std::optional<double> target_;           // seconds
+  double position_ = 0;  // seconds
+  bool ended_ = false;
   std::optional<Clock::time_point> base_;  // when the position was base_at_; none before the first message
   double base_at_ = 0;                     // seconds
 };

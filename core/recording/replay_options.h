@@ -6,19 +6,13 @@
 #include <string>
 #include <vector>
 
-#include "core/recording/replay_clock.h"
-
 namespace citylearn {
 
 struct ReplayOptions {
   std::vector<std::string> files;   ///< one after the other
-  double speed = 1;                 ///< as in ReplayState
+  double speed = 1;                 ///< relative to the recording; 0: as fast as readers can follow
   std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: those that a dashboard reads
   std::string session;              ///< played in this session; empty: in the one recorded
-  double start = 0;                 ///< seconds: up to there everything is played as fast as readers can follow
-  bool paused = false;              ///< from `start` on
-
-  ReplayState begin() const { return {start, speed, paused}; }
 };
 
 /// Returns the default topics of ReplayOptions: what services say about themselves, and nothing that a service obeys.

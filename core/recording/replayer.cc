@@ -44,7 +44,7 @@ double replay_speed(const std::string& text) {
 }
 
 Replayer::Replayer(Middleware& middleware, const ReplayOptions& options)
-    : middleware_(middleware), options_(options), clock_(options.begin()), all_(all_topics()) {
+    : middleware_(middleware), options_(options), clock_(options.speed), all_(all_topics()) {
   if (options_.files.empty()) throw Error("there is nothing to be replayed", "", "name a recording");
   for (const std::string& given : options_.topics.empty() ? watched_topics() : options_.topics) {
     const std::string name = given.starts_with("citylearn/") ? given : "citylearn/" + given;
@@ -286,7 +286,7 @@ bool Replayer::poll() {
     }
     if (const Clock::time_point due = clock_.due(next_->position); due > now) {
       due_ = std::min(due, now + kLogResend);
-      held_since_.reset();  // a pause is not a wait for readers
+      held_since_.reset();
       return true;
     }
     if (!begun_) begun_ = now;

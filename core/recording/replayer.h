@@ -36,8 +36,7 @@ class Replayer {
   bool poll();
   Clock::time_point due() const { return due_; }
   const ReplayFigures& figures() const { return figures_; }
-  /// Pauses, hurries and sends ahead what is played; any thread may use it as ReplayClock says.
-  ReplayClock& clock() { return clock_; }
+  /// Any thread may use it as ReplayClock says.
   const ReplayClock& clock() const { return clock_; }
 
  private:

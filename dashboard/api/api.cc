@@ -53,8 +53,7 @@ Api::BorrowedReader::~BorrowedReader() {
   if (api_.readers_.size() < kMaxIdleReaders) api_.readers_.push_back(std::move(reader_));
 }
 
-Api::Api(const Options& options, Store& store, LiveView* live)
-    : options_(options), store_(store), live_(live), recognition_(options.recognition) {}
+Api::Api(const Options& options, Store& store, LiveView* live) : options_(options), store_(store), live_(live) {}
 Api::~Api() = default;
 
 Answer Api::answer(const Query& query) {
@@ -63,7 +62,6 @@ Answer Api::answer(const Query& query) {
     const std::size_t depth = query.path.size();
     std::vector<std::string> methods = {"GET"};
     if (first == "runs" && depth == 2) methods = {"GET", "DELETE", "PATCH"};
-    if (first == "playback" && depth == 1) methods = {"GET", "PATCH"};
     if (std::find(methods.begin(), methods.end(), query.method) == methods.end()) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
       answer.headers.emplace_back("Allow", joined(methods));
@@ -80,8 +78,6 @@ Answer Api::answer(const Query& query) {
     if (first == "events" && depth == 1) return events(query);
     if (first == "map" && depth == 2) return map(query);
     if (first == "frames" && depth == 3) return frame(query);
-    if (first == "recognition" && (depth == 1 || depth == 3)) return recognition(query);
-    if (first == "playback" && depth == 1) return playback(query);
     if (first == "about" && depth == 1) return about();
     not_found("there is nothing of this name (docs/reference/dashboard-api.md lists what there is)");
   } catch (RequestError& error) {
@@ -156,30 +152,6 @@ Answer Api::frame(const Query& query) {
   const bool stored = picture.readiness == LiveView::Readiness::kNone;
   answer.headers.emplace_back("Cache-Control", stored ? "no-store" : "private, max-age=31536000, immutable");
   answer.headers.emplace_back("X-Frame", std::to_string(frame));
-  return answer;
-}
-
-Answer Api::recognition(const Query& query) {
-  if (query.path.size() == 1) {
-    allow_only(query, {});
-    return json_answer({{"results", recognition_.list()}});
-  }
-  const std::string &name = query.path[1], &part = query.path[2];
-  Answer answer;
-  std::optional<std::string> found;
-  if (part == "curve") {
-    allow_only(query, {});
-    found = recognition_.curves(name);
-  } else if (part == "matrix") {
-    allow_only(query, {"file"});
-    found = recognition_.matrix(name, text_parameter(query, "file").value_or(""));
-    answer.type = "image/png";
-  }
-  if (!found)
-    not_found("there is no '" + part + "' of a result '" + name +
-              "' (GET /api/recognition lists them; where an older vpr "
-              "wrote no curves, run it again)");
-  answer.body = std::move(*found);
   return answer;
 }
 

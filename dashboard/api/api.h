@@ -10,10 +10,8 @@
 #include <vector>
 
 #include "dashboard/api/evaluations.h"
-#include "dashboard/api/recognition_results.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
-#include "dashboard/playback/playback_control.h"
 #include "dashboard/store/store.h"
 #include "dashboard/store/store_reader.h"
 
@@ -27,12 +25,10 @@ class Api {
   struct Options {
     std::string vendor, session;           ///< of the dashboard's node
     std::uint32_t domain = 0;              ///< likewise
-    std::string recognition;               ///< folder of vpr's results; empty: none
     std::function<bool()> recording;       ///< whether episodes reach the store now; unset: they do
     double silence = kRunSilence.count();  ///< seconds without news after which a run counts as lost
-    /// Set when a recording is shown. Only heartbeats of its policy_service then say whether a run goes on, because a
-    /// recording may be paused.
-    PlaybackControl* playback = nullptr;
+    /// A recording is played. Only heartbeats of its policy_service then say whether a run goes on, as it may be slow.
+    bool replays = false;
   };
   /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.
   Api(const Options& options, Store& store, LiveView* live);
@@ -62,12 +58,10 @@ class Api {
   Answer events(const Query& query);
   Answer map(const Query& query);
   Answer frame(const Query& query);
-  Answer recognition(const Query& query);
   Answer answer_run(const Query& query);
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
   Answer annotate(const std::string& name, const Query& query);
-  Answer playback(const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row, bool csv);
   Answer episodes(const RunRow& row, const Query& query);
@@ -79,7 +73,6 @@ class Api {
   const Options options_;
   Store& store_;
   LiveView* const live_;
-  const RecognitionResults recognition_;
 
   std::mutex mutex_;
   std::vector<std::unique_ptr<StoreReader>> readers_;  // those not in use
@@ -91,8 +84,5 @@ class Api {
   std::map<std::pair<std::int64_t, EvaluationKey>, Figures>
       evaluations_;  // by row of `runs`; valid until episodes are added
 };
-
-/// Returns what GET /api/playback answers, but for its marks, for the live topic `playback`.
-nlohmann::json playback_json(const PlaybackControl& playback);
 
 }  // namespace citylearn

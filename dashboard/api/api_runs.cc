@@ -48,7 +48,7 @@ Json Api::run_json(const RunRow& row) {
   const Store::Liveness liveness = store_.liveness(row.id);
   const double last = std::max(row.last, liveness.last);
   bool heard = seconds_since_epoch() - last < options_.silence;
-  if (options_.playback && live_ && row.policy) heard = live_->alive(row.session, *row.policy).value_or(heard);
+  if (options_.replays && live_ && row.policy) heard = live_->alive(row.session, *row.policy).value_or(heard);
   const char* state = row.ended ? "ended" : heard ? "running" : row.policy ? "lost" : "ended";
   Json json = {{"id", row.name},
                {"session", row.session},

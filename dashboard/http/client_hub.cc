@@ -245,15 +245,6 @@ std::optional<ClientHub::Frame> ClientHub::Client::next() {
   return frame;
 }
 
-void ClientHub::forget() {
-  const std::lock_guard guard(lock_);
-  lingering_ -= std::erase_if(topics_, [](const auto& topic) { return topic.second.watchers.empty(); });
-  for (auto& [name, topic] : topics_) {
-    topic.newest.reset();
-    for (Client* client : topic.watchers) forget(*client, name);
-  }
-}
-
 std::vector<std::string> ClientHub::watched() const {
   const std::lock_guard guard(lock_);
   forget_topics();

@@ -87,8 +87,6 @@ class ClientHub : public Hub {
   /// way. Otherwise throws Error.
   void publish(const std::string& topic, nlohmann::json header, std::vector<std::byte> payload, Merge merge) override;
   std::vector<std::string> watched() const override;
-  /// Forgets all messages that were published: those that wait for clients, and states for those that come.
-  void forget();
   Counts counts() const;
 
  private:

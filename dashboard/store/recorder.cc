@@ -220,7 +220,6 @@ void Recorder::poll() {
     const bool full = episodes_.size() >= kMaxBatch;
     const bool waiting = !episodes_.empty() || !stats_.empty();
     const bool patient = waiting && episodes_.size() < kCommitBatch && Clock::now() < first_waits_ + kCommitGather;
-    behind_ = full || patient;
     if (patient) {
       wake_at(first_waits_ + kCommitGather);
     } else {

@@ -43,8 +43,6 @@ class Recorder {
   /// episodes for this dashboard; otherwise they buffer until it is back.
   void finish(bool leave);
 
-  /// Returns whether everything that has arrived is in the store, or cannot be put there.
-  bool up_to_date() const { return !behind_ || failing_; }
   std::uint64_t recorded() const { return recorded_; }  ///< episodes, by this process
   bool failing() const { return failing_; }             ///< the store cannot be written
 
@@ -81,7 +79,6 @@ class Recorder {
   std::map<RunKey, Run> runs_;
   Clock::time_point due_, next_try_;
   bool failing_ = false;
-  bool behind_ = false;
   std::uint64_t recorded_ = 0;
   msg::EpisodeStat taken_;
 };

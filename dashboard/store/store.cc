@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/store/store.h"
 
-#include <spdlog/spdlog.h>
-
 #include <filesystem>
 #include <fstream>
 
@@ -88,9 +86,6 @@ Store::Impl::Impl(const Options& options)
   with_file_errors(path, [&] {
     statements = std::make_unique<Statements>(database);
     load_runs();
-    if (const int logged = database.execAndGet("SELECT COUNT(*) FROM runs WHERE source <> ''").getInt(); logged > 0)
-      spdlog::warn("{}: {} runs that other programs logged here once are kept, but not shown (tables metrics, points)",
-                   path, logged);
   });
 }
 
@@ -116,7 +111,7 @@ Store::Impl::Statements::Statements(const SQLite::Database& d)
               "INSERT INTO runs (name, session, run_id, policy, seed, started, last) "
               "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6)"),
       add_unclaimed(d, "INSERT INTO runs (name, session, started, last) VALUES (?1, ?2, ?3, ?3)"),
-      find_unclaimed(d, "SELECT id FROM runs WHERE session = ? AND run_id IS NULL AND source = ''"),
+      find_unclaimed(d, "SELECT id FROM runs WHERE session = ? AND run_id IS NULL"),
       update_run(d,
                  "UPDATE runs SET incarnation = ?2, agent = ?3, learner = ?4, updates = ?5, manifest = ?6, last = ?7, "
                  "ended = ?8 WHERE id = ?1"),
@@ -240,7 +235,7 @@ Store::Removal Store::remove(const std::string& name) {
     return !ended && seconds_since_epoch() - last < kRunSilence.count();
   };
   const Removal possible = impl_->locked([&] {
-    SQLite::Statement found(database, "SELECT id FROM runs WHERE name = ? AND source = ''");
+    SQLite::Statement found(database, "SELECT id FROM runs WHERE name = ?");
     if (!bind_values(found, name).executeStep()) return Removal::kUnknown;
     read_row(found, row);
     return running() ? Removal::kRunning : Removal::kDone;

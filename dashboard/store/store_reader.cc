@@ -14,7 +14,7 @@ namespace {
 
 constexpr const char* kRunColumns =
     "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, note "
-    "FROM runs WHERE source = '' ";
+    "FROM runs ";
 
 /// Returns "SELECT COLUMNS`more` FROM episodes ... WHERE ", the columns being those of an EpisodeRow.
 std::string select_episodes(const char* more = "") {
@@ -94,7 +94,7 @@ StoreReader::Impl::Impl(const std::string& file)
     : path(file),
       database(open_database(file)),
       runs(database, std::string(kRunColumns) + "ORDER BY started DESC, id DESC"),
-      run(database, std::string(kRunColumns) + "AND name = ?"),
+      run(database, std::string(kRunColumns) + "WHERE name = ?"),
       newest(database,
              "SELECT key, steps, episodes, wall, reward, spl, steps_per_second FROM training WHERE key BETWEEN ? AND ? "
              "ORDER BY key DESC LIMIT 1"),

@@ -43,7 +43,6 @@ std::uint64_t Traversal::hash() const {
   sha.add(positions);
   if (images)
     for (int frame = 0; frame < frames; ++frame) sha.add(images->fingerprint(frame));
-  for (const int place : turns) sha.add(static_cast<std::uint64_t>(place));
   return sha.first_8_bytes();
 }
 

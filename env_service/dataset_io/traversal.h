@@ -28,7 +28,6 @@ struct Traversal {
   std::vector<double> longitude;   ///< F, degrees east, NaN where unknown; or empty
   std::vector<double> x, y;        ///< F, metres of any plane, as odometry has them, NaN where unknown; or empty
   std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
-  std::vector<int> turns;          ///< F, where `stay` leads at each frame (core/task/route_map.h); empty: a line
 
   std::span<const float> feature(int frame) const {
     return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};

@@ -7,7 +7,6 @@
 #include <limits>
 #include <numeric>
 
-#include "core/task/route_map.h"
 #include "policy_service/learning/trainer_state.h"
 
 namespace citylearn {
@@ -39,10 +38,6 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : impl_
   p.options = options;
   p.task = task;
   if (task.frames < 2) throw Error("must be at least 2", "frames");
-  check_turns(task.turns, task.frames);
-  if (!task.turns.empty() && options.curriculum)
-    throw Error("has lessons on the beginning of the route, and this route crosses itself", "curriculum",
-                "train without it");
   if (p.options.max_steps == 0) p.options.max_steps = task.frames;
   p.parameters = TrainerParameters(options);
   p.segment = p.parameters.trainer.integer("segment");

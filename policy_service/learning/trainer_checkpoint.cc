@@ -90,7 +90,6 @@ Checkpoint Trainer::Impl::checkpoint() const {
   learner->save(state);
   for (const auto& [name, tensor] : state.tensors) checkpoint.tensors["learner." + name] = tensor;
   checkpoint.tensors["reference"] = task.reference;
-  if (!task.turns.empty()) checkpoint.header["turns"] = task.turns;
   nlohmann::json layout = nlohmann::json::array();
   for (const Tensor& tensor : network->tensors())
     layout.push_back({{"name", tensor.name}, {"rows", tensor.rows}, {"cols", tensor.cols}, {"offset", tensor.offset}});
@@ -141,9 +140,6 @@ void Trainer::load(const Checkpoint& checkpoint) {
   const auto reference = checkpoint.tensors.find("reference");
   if (reference == checkpoint.tensors.end() || reference->second != p.task.reference)
     throw Error("the training route's features are others than those it was made with", "checkpoint",
-                "go on with the same data, or start a new run");
-  if (checkpoint.header.value("turns", nlohmann::json::array()) != nlohmann::json(p.task.turns))
-    throw Error("the training route crosses itself elsewhere than the one it was made with", "checkpoint",
                 "go on with the same data, or start a new run");
   try {
     LearnerState state;

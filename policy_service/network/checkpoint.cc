@@ -13,7 +13,6 @@
 
 #include "core/files/files.h"
 #include "core/files/json.h"
-#include "core/task/route_map.h"
 #include "core/util/error.h"
 
 namespace citylearn {
@@ -174,8 +173,6 @@ TrainedAgent trained_agent(const Checkpoint& checkpoint) {
     agent.task.frames = header.at("task").at("frames").get<int>();
     agent.first_frame = header.at("task").at("first_frame").get<int>();
     agent.task.reference = checkpoint.tensors.at("reference");
-    agent.task.turns = header.value("turns", std::vector<int>());
-    check_turns(agent.task.turns, agent.task.frames);
     const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
     const Parameters parameters("network " + agent.name, entry.parameters,
                                 header.at("network").get<std::map<std::string, double>>());

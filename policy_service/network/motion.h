@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <vector>
-
 #include "core/plugin/registry.h"
 #include "core/task/action.h"
 #include "policy_service/network/network_inputs.h"
@@ -25,9 +23,7 @@ class Motion {
             {"kidnap", "probability, a step, of being carried anywhere", 0, 0, 1}};
   }
 
-  /// `turns`: where `stay` leads (core/task/route_map.h); empty on a line.
-  Motion(double slip, double kidnap, std::vector<int> turns)
-      : slip_(static_cast<S>(slip)), kidnap_(static_cast<S>(kidnap)), turns_(std::move(turns)) {}
+  Motion(double slip, double kidnap) : slip_(static_cast<S>(slip)), kidnap_(static_cast<S>(kidnap)) {}
 
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
@@ -44,10 +40,8 @@ class Motion {
     } else if (action == kPrevious) {
       to.head(n) = from.tail(n);
       to(n) = nothing;
-    } else if (turns_.empty()) {
-      to = from;
     } else {
-      for (std::ptrdiff_t place = 0; place <= n; ++place) to(turns_[static_cast<std::size_t>(place)]) = from(place);
+      to = from;
     }
   }
   /// to += transpose(A) from, as the backward pass needs.
@@ -58,10 +52,8 @@ class Motion {
       to.head(n) += from.tail(n);
     } else if (action == kPrevious) {
       to.tail(n) += from.head(n);
-    } else if (turns_.empty()) {
-      to += from;
     } else {
-      for (std::ptrdiff_t place = 0; place <= n; ++place) to(place) += from(turns_[static_cast<std::size_t>(place)]);
+      to += from;
     }
   }
 
@@ -112,7 +104,6 @@ class Motion {
   }
 
   S slip_, kidnap_;
-  std::vector<int> turns_;
   Vector<S> once_, twice_, odds_, moved_;
 };
 

@@ -23,8 +23,6 @@ struct NetworkTask {
   /// D x EN, features of the route as each of E training traversals shows it, the experiences side by side: the place
   /// memory of networks that have one.
   Matrix<float> reference;
-  /// N, where `stay` leads (core/task/route_map.h), for networks that know the map; empty where the route is a line.
-  std::vector<int> turns = {};
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <map>
 
-#include "core/task/route_map.h"
 #include "core/task/spl.h"
 #include "policy_service/network/feature_normaliser.h"
 #include "policy_service/rollout/network_policy.h"
@@ -92,7 +91,6 @@ struct Collector::Impl {
   std::uint64_t generation = 0;
   int frames;           // places in use
   Vector<float> noise;  // of one frame
-  std::vector<int> distances;
 
   bool augments() const { return noise_frame > 0 || noise_place > 0 || noise_episode > 0; }
   EnvState& env(int environment) {
@@ -316,12 +314,7 @@ void Collector::Impl::begin_episode(EnvState& env, std::size_t index) {
   Agent& agent = env.agent[index];
   agent.start = env.seen.position[index];
   agent.goal = env.seen.goal[index];
-  if (task.turns.empty()) {
-    agent.shortest = std::abs(agent.goal - agent.start);
-  } else {
-    distances_to(agent.goal, task.frames, task.turns, distances);
-    agent.shortest = distances[static_cast<std::size_t>(agent.start)];
-  }
+  agent.shortest = std::abs(agent.goal - agent.start);
   agent.steps = 0;
   agent.reward = 0;
   ++agent.episode;

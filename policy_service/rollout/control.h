@@ -2,7 +2,6 @@
 #pragma once
 
 #include <memory>
-#include <vector>
 
 #include "core/plugin/registry.h"
 #include "policy_service/network/network_inputs.h"
@@ -17,7 +16,6 @@ struct ControlTask {
   /// D x EN, features of the route on the training traversals (for oracle_filter: on the one walked on), as
   /// NetworkTask.
   Matrix<float> reference = {};
-  std::vector<int> turns = {};  ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
 };
 
 /// Policies that learn nothing: the references for every result of a learned agent.

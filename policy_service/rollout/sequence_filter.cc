@@ -4,7 +4,6 @@
 #include <map>
 #include <optional>
 
-#include "core/task/route_map.h"
 #include "policy_service/network/agents/place_filter.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
@@ -29,12 +28,11 @@ class SequenceFilter : public Policy {
         evidence_(parameters["evidence"]),
         tempering_(parameters["tempering"]),
         turning_(parameters["turning"]),
-        motion_(parameters["slip"], parameters["kidnap"], task.turns),
+        motion_(parameters["slip"], parameters["kidnap"]),
         normaliser_(task.reference) {
     if (task.reference.size() == 0)
       throw Error("needs the features of the training traversal", "sequence_filter",
                   "start an env_service on a traversal that has features");
-    check_turns(task.turns, task.frames);
     weights_ = Vector<double>::LinSpaced(task.frames, 1, task.frames).array().pow(-parameters["nearness"]);
     keys_.emplace(task.reference, static_cast<int>(task.reference.rows()), task.frames);
   }
@@ -99,37 +97,16 @@ class SequenceFilter : public Policy {
     agent.belief += evidence_ / (1 + tempering_ * agent.steps++) * similarity_.col(column).cast<double>();
     exclude(goal, task_.frames, allowed, kExclusion, agent.belief);
     odds_ = (agent.belief.array() - agent.belief.maxCoeff()).exp();
-    return task_.turns.empty() ? on_the_line(goal, previous, allowed) : on_the_map(goal, allowed);
+    return heavier_side(goal, previous, allowed);
   }
 
-  std::uint8_t on_the_line(int goal, std::uint8_t previous, std::uint8_t allowed) const {
+  std::uint8_t heavier_side(int goal, std::uint8_t previous, std::uint8_t allowed) const {
     const std::ptrdiff_t rest = odds_.size() - goal - 1;
     double before = odds_.head(goal).dot(weights_.head(goal).reverse());
     double after = odds_.tail(rest).dot(weights_.head(rest));
     if (previous == kPrevious) before *= turning_;
     if (previous == kNext) after *= turning_;
     return allowed_or_turn(before > after ? kNext : kPrevious, allowed);
-  }
-
-  /// Returns the allowed step that leads nearer to the goal for most of the belief.
-  std::uint8_t on_the_map(int goal, std::uint8_t allowed) {
-    std::vector<int>& distances = distances_[goal];
-    if (distances.empty()) distances_to(goal, task_.frames, task_.turns, distances);
-    std::uint8_t best = kStay;
-    double most = -1;
-    for (const std::uint8_t action : {kNext, kPrevious, kStay}) {
-      if (!(allowed >> action & 1)) continue;
-      double mass = 0;
-      for (int place = 0; place < task_.frames; ++place) {
-        const int to = place_after(place, action, task_.turns);
-        if (to >= 0 && to < task_.frames && distances[to] < distances[place]) mass += odds_(place);
-      }
-      if (mass > most) {
-        best = action;
-        most = mass;
-      }
-    }
-    return best;
   }
 
   ControlTask task_;
@@ -140,10 +117,9 @@ class SequenceFilter : public Policy {
   std::optional<PlaceKeys<float>> keys_;
   EvaluatedTasks tasks_;
   std::vector<Agent> agents_;
-  Matrix<float> seen_;                         ///< D x columns of a batch
-  Matrix<float> similarities_, similarity_;    ///< EN x columns, N x columns
-  Vector<double> before_, odds_;               ///< N
-  std::map<int, std::vector<int>> distances_;  ///< by goal, on a map
+  Matrix<float> seen_;                       ///< D x columns of a batch
+  Matrix<float> similarities_, similarity_;  ///< EN x columns, N x columns
+  Vector<double> before_, odds_;             ///< N
 };
 
 std::unique_ptr<Policy> make(const Parameters& parameters, const ControlTask& task) {

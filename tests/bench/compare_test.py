@@ -34,7 +34,6 @@ def line(rate, time=20.0):
 class Compare(unittest.TestCase):
     def setUp(self):
         self.folder = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
-        self.kept = self.folder / "kept.json"
         self.build = self.made("build", [line(1000)])
 
     def made(self, name, lines):
@@ -55,92 +54,67 @@ class Compare(unittest.TestCase):
         self.assertEqual(done.returncode, status, done.stdout + done.stderr)
         return done.stdout if status < 2 else done.stderr
 
-    def keep(self, *lines):
-        self.made("build", lines)
-        said = self.bench("--keep", self.kept, status=0)
-        self.assertIn(f"--compare {self.kept}", said)
+    def before(self, *lines):
+        self.made("before", lines)
 
     def compared(self, *lines, status):
-        """Returns the rows of the comparison of such a program with what was kept, by the figure's name."""
+        """Returns the rows of the comparison of such a program with the one before, by the figure's name."""
         self.made("build", lines)
-        said = self.bench("--compare", self.kept, status=status)
+        said = self.bench("--against", self.folder / "before", status=status)
         return {words[1]: words for words in map(str.split, said.splitlines()) if words[:1] == ["loop"]}
 
     def test_what_is_slower_beyond_the_noise_is_said(self):
-        self.keep(*[line(rate) for rate in (1000, 1010, 990, 1005, 995)])
+        self.before(*[line(rate) for rate in (1000, 1010, 990, 1005, 995)])
         rows = self.compared(*[line(rate) for rate in (900, 910, 890, 905, 895)], status=1)
         self.assertEqual(rows["rate"][2:], ["1,000", "900", "steps/s", "-10.0%", "5.1%", "slower"])
         self.assertNotIn("slower", rows["time"])
 
     def test_a_longer_time_is_slower_too(self):
-        self.keep(line(1000, 20))
+        self.before(line(1000, 20))
         rows = self.compared(line(1000, 22), status=1)
         self.assertEqual(rows["time"][-3:], ["+10.0%", "3.0%", "slower"])
         self.assertEqual(self.compared(line(1000, 18), status=0)["time"][-1], "faster")
 
     def test_the_same_change_within_the_noise_is_not(self):
-        self.keep(*[line(rate) for rate in (1000, 1100, 900, 1050, 950)])
+        self.before(*[line(rate) for rate in (1000, 1100, 900, 1050, 950)])
         rows = self.compared(*[line(rate) for rate in (900, 1000, 810, 950, 850)], status=0)
         self.assertEqual(rows["rate"][5], "-10.0%")
         self.assertNotIn("slower", rows["rate"])
 
     def test_one_outlier_is_neither_slow_nor_noise(self):
-        self.keep(*[line(rate) for rate in (1000, 1000, 1000, 1000, 100)])
+        self.before(*[line(rate) for rate in (1000, 1000, 1000, 1000, 100)])
         self.compared(line(1000), *[line(1000)] * 3, line(100), status=0)
         self.assertIn("slower", self.compared(line(900), status=1)["rate"])
 
-    def test_another_build_is_measured_by_turns(self):
-        self.made("build", [line(900)])
-        before = self.made("before", [line(1000)])
-        self.assertIn("slower", self.bench("--against", before, status=1))
-        self.assertEqual((before / "bench/cases/calls").read_text(), "5\n")
-        self.assertIn("0 slower", self.bench("--against", self.build, status=0))
+    def test_both_builds_take_turns(self):
+        self.before(line(1000))
+        self.compared(line(900), status=1)
+        for build in ("build", "before"):
+            self.assertEqual((self.folder / build / "bench/cases/calls").read_text(), "5\n")
 
     def test_a_figure_that_is_missing_or_new_is_said(self):
-        self.keep(line(1000))
-        renamed = line(1000).replace('"rate"', '"speed"')
-        rows = self.compared(renamed, status=0)
-        self.assertEqual(rows["speed"][-1], "new")
-        self.assertIn("not now", " ".join(rows["rate"]))
+        self.before(line(1000))
+        rows = self.compared(line(1000).replace('"rate"', '"speed"'), status=0)
+        self.assertEqual(rows["speed"][-2:], ["not", "before"])
+        self.assertEqual(rows["rate"][-2:], ["not", "now"])
 
     def test_a_skipped_benchmark_is_said(self):
+        self.before("skip")
         self.made("build", ["skip"])
-        self.assertIn("loop       was skipped", self.bench("--keep", self.kept, status=0))
+        self.assertIn("loop       was skipped", self.bench("--against", self.folder / "before", status=0))
 
     def test_a_benchmark_that_fails_names_its_log(self):
+        self.before(line(1000))
         self.made("build", [line(1000), "fail"])
-        said = self.bench("--keep", self.kept, status=2)
+        said = self.bench("--against", self.folder / "before", status=2)
         self.assertRegex(said, r"bench: loop failed with status 1; what it printed is in .*/bench/run.log\n")
         self.assertEqual((self.build / "bench/run.log").read_text(), "no luck\n")
-        self.assertFalse(self.kept.exists())
-
-    def test_wrong_results_are_one_clear_line(self):
-        self.keep(line(1000))
-        good = json.loads(self.kept.read_text())
-
-        def expect(pattern, text=None):
-            if text is not None:
-                self.kept.write_text(text)
-            said = self.bench("--compare", self.kept, status=2)
-            self.assertRegex(said, pattern)
-            self.assertEqual(said.count("\n"), 1, said)
-
-        other = {**good, "machine": {"processor": "Abacus 3", "processors": 1}}
-        expect("kept on another machine .Abacus 3, 1 processors; this one is .*keep a result here", json.dumps(other))
-        expect("not a result of ./run bench --keep in format", json.dumps({**good, "format": "citylearn-bench-0"}))
-        expect("not a result of ./run bench", "[]")
-        expect("is damaged .KeyError: 'benchmarks'.", json.dumps(good).replace('"benchmarks"', '"marks"'))
-        expect(r"kept.json:1: is not JSON", self.kept.read_text()[:50])
-        self.kept.unlink()
-        expect(f"{self.kept} does not exist; keep a result there with ./run bench --keep {self.kept}")
 
     def test_wrong_arguments_are_one_clear_line(self):
         for words, pattern in ((["nothing"], "'nothing' is not a benchmark; known: .*loop"),
-                               (["scale", "--keep", self.kept], "not a benchmark that records figures; known: .*loop"),
-                               (["--keep", self.kept, "--repeat", "2"], "at least 3 repetitions"),
-                               (["--compare", self.kept, "--against", self.build], "exclude each other")):
+                               (["training", "--against", self.build], "not a benchmark that records figures"),
+                               (["--against", self.build, "--repeat", "2"], "at least 3 repetitions")):
             self.assertRegex(self.bench(*words, status=2), pattern)
-        self.assertRegex(self.bench("--keep", self.folder / "no/kept.json", status=2), "there is no folder")
         self.assertRegex(self.bench("--against", self.folder / "no", status=2), "bench_cases is missing; build it")
 
 

@@ -110,8 +110,7 @@ main() {
     record) add_default --output "$RUNS/$(date +%Y%m%d-%H%M%S).mcap" "$@" ;;
     dashboard)
       # Without CITYLEARN_RUNS the program's own default is the same file.
-      [[ -z ${CITYLEARN_RUNS:-} || " $* " == *" --open"* ]] || add_default --store "$RUNS/dashboard.sqlite" "$@"
-      add_default --recognition "$RUNS" "$@" ;;
+      [[ -z ${CITYLEARN_RUNS:-} || " $* " == *" --open"* ]] || add_default --store "$RUNS/dashboard.sqlite" "$@" ;;
   esac
   local path; path=$(program "$command")
   [ -x "$path" ] || fail "$command: its program '$path' is missing; build and install it"

@@ -101,7 +101,7 @@ open_dashboard() {
 # Starts the dashboard with options $2... on the store $1; false when it ends at once.
 start_dashboard() {
   local store=$1; shift
-  start dashboard "$(program dashboard)" --store "$store" --recognition "$RUNS" "$@" >"$output/logs/dashboard.address"
+  start dashboard "$(program dashboard)" --store "$store" "$@" >"$output/logs/dashboard.address"
   until [ -s "$output/logs/dashboard.address" ]; do
     kill -0 "${running[dashboard]}" 2>/dev/null || { unset 'running[dashboard]'; return 1; }
     sleep 0.05

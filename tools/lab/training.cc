@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "core/task/route_map.h"
 #include "policy_service/rollout/task_waves.h"
 
 namespace citylearn {
@@ -17,18 +16,14 @@ NetworkTask network_task(const Experiences& route, int first, int frames) {
       throw Error("has " + std::to_string(traversal->frames) + " frames, the route needs frames " +
                       std::to_string(first) + ".." + std::to_string(first + frames - 1),
                   where, "choose fewer");
-    const std::vector<int> turns = turns_within(traversal->turns, first, frames);
     if (task.reference.cols() == 0) {
       task.features = traversal->dimension;
       task.reference.resize(task.features, 0);
-      task.turns = turns;
     }
     if (traversal->dimension != task.features)
       throw Error("has " + std::to_string(traversal->dimension) + " features a frame, '" + route.front()->name +
                       "' has " + std::to_string(task.features),
                   where, "train on traversals with features of one kind");
-    if (turns != task.turns)
-      throw Error("crosses itself elsewhere than '" + route.front()->name + "'", where, "train on one of them alone");
     const std::ptrdiff_t before = task.reference.cols();
     task.reference.conservativeResize(Eigen::NoChange, before + frames);
     task.reference.rightCols(frames) =

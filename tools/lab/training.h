@@ -56,7 +56,7 @@ class InprocessTraining {
 };
 
 /// Returns the task of a route's frames first .. first + frames - 1, as a network is made for it. Throws Error naming a
-/// traversal that lacks some of these, or has other features or crossings than the first one.
+/// traversal that lacks some of these, or has other features than the first one.
 NetworkTask network_task(const Experiences& route, int first, int frames);
 
 /// The numbered tasks that a policy is tried on.

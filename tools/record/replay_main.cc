@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// citylearn replay: plays MCAP recordings to a dashboard, or their trajectories to a learner.
+// citylearn replay: plays MCAP recordings to a dashboard.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -7,7 +7,6 @@
 
 #include "core/recording/replayer.h"
 #include "core/wire/service.h"
-#include "tools/record/trajectory_replay.h"
 
 namespace {
 
@@ -18,7 +17,6 @@ const std::string kAsRecorded = "as-recorded";
 struct CommandLine {
   ReplayOptions replay;
   std::string speed = "1";
-  bool learner = false;
   Node::Options node;
 };
 
@@ -31,7 +29,6 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--topics", line.replay.topics,
                  "Play only these topics: scene,action,...; by default those that command nothing")
       ->delimiter(',');
-  app.add_flag("--learner", line.learner, "Play the trajectories to the learner of --session instead");
   line.node.service = line.node.id = "replay";
   line.node.session = kAsRecorded;
   add_node_options(app, line.node);
@@ -55,23 +52,11 @@ int replay(CommandLine& line) {
   return 0;
 }
 
-int replay_to_learner(CommandLine& line) {
-  if (!line.replay.topics.empty() || line.speed != "1")
-    throw Error("plays trajectories, as fast as they are learned from", "--learner", "leave out --topics and --speed");
-  if (line.node.session == kAsRecorded) line.node.session = "default";
-  Node node(line.node);
-  TrajectoryReplay replay(node, line.replay.files);
-  while (!stop_requested() && replay.poll()) node.wait(replay.due());
-  std::printf("%llu trajectories accepted%s\n", static_cast<unsigned long long>(replay.acknowledged()),
-              replay.learner_ended() ? "; the learner has ended" : "");
-  return 0;
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
   CommandLine line;
   return service_main(
-      argc, argv, "Plays recordings to a dashboard, or to a learner.", [&](CLI::App& app) { add_options(app, line); },
-      [&] { return line.learner ? replay_to_learner(line) : replay(line); });
+      argc, argv, "Plays recordings to a dashboard.", [&](CLI::App& app) { add_options(app, line); },
+      [&] { return replay(line); });
 }

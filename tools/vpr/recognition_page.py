@@ -52,7 +52,7 @@ def cell(value: object) -> str:
     return f"<td>{html.escape(area(value) if number else str(value))}</td>"
 
 
-def page(results: dict, curves: list[dict], files: list[str]) -> str:
+def page(results: dict, curves: list[dict], files: list[str], matrices: list[str]) -> str:
     def image(file: str) -> str:
         return f'<img src="{html.escape(file)}" alt="{html.escape(file)}">'
 
@@ -73,6 +73,8 @@ img {{ max-width: 100% }}</style></head><body>
 {'<h2>Matches</h2><p>Top: the query. Middle: the answer, green when right, red when wrong. Bottom: the true place.</p>'
  if matches else ''}
 {matches}
+{'<h2>Similarities</h2><p>A column is a query frame, a row a reference frame; bright is similar.</p>' if matrices else ''}
+{''.join(map(image, matrices))}
 </body></html>
 """
 
@@ -81,7 +83,8 @@ def main(folder: Path) -> None:
     results = json.loads((folder / "results.json").read_text())
     curves = json.loads((folder / "curves.json").read_text())["curves"]
     files = draw(folder, results["reference"], curves)
-    (folder / "index.html").write_text(page(results, curves, files))
+    matrices = sorted(path.name for path in folder.glob("similarity-*.png"))
+    (folder / "index.html").write_text(page(results, curves, files, matrices))
 
 
 if __name__ == "__main__":

@@ -8,23 +8,19 @@ import { Compare } from './pages/compare';
 import { Deployment } from './pages/deployment';
 import { Login } from './pages/login';
 import { Overview } from './pages/overview';
-import { Recognition } from './pages/recognition';
 import { RoutePage } from './pages/route';
 import { TrainingPage } from './pages/training';
 import { valueOf } from './state/resource';
 import { hrefOf, PAGES, place, type PageName } from './state/router';
-import { playback } from './state/playback';
-import { about, alarmedServices, beginnings, lostServices, now } from './state/shared';
+import { about, alarmedServices, lostServices, now } from './state/shared';
 import { theme, type Theme } from './state/theme';
 import { classes, Guard, Icon, IconButton, toneOf, type IconName } from './ui/basics';
-import { PlaybackBar } from './ui/playback_bar';
 
 const CONTENTS: Record<PageName, { title: string; Body: () => JSX.Element }> = {
   overview: { title: 'Overview', Body: Overview },
   training: { title: 'Training', Body: TrainingPage },
   route: { title: 'Route', Body: RoutePage },
   deployment: { title: 'Deployment', Body: Deployment },
-  recognition: { title: 'Place recognition', Body: Recognition },
   compare: { title: 'Compare', Body: Compare },
 };
 
@@ -42,11 +38,10 @@ export function App(): JSX.Element {
         <Disconnected />
         <main id="main" class="stack" tabIndex={-1}>
           <PageTitle title={title} />
-          <Guard key={`${page} ${beginnings.value}`}>
+          <Guard key={page}>
             <Body />
           </Guard>
         </main>
-        <PlaybackBar />
       </div>
     </div>
   );
@@ -131,7 +126,7 @@ function Badge({ class: name, count, what }: { class: string; count: number; wha
 function Link(): JSX.Element {
   const { kind } = live.state.value;
   const lost = live.dropped.value;
-  const text = kind === 'open' ? (playback.value ? 'Recording' : 'Live') : kind === 'connecting' ? 'Connecting' : 'Disconnected';
+  const text = kind === 'open' ? 'Live' : kind === 'connecting' ? 'Connecting' : 'Disconnected';
   return (
     <p class={classes('hint state', toneOf(kind === 'open' ? 'running' : kind === 'connecting' ? 'starting' : 'lost'))} data-link={kind} role="status">
       {text}

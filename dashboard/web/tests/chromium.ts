@@ -20,4 +20,4 @@ export const ARGS = [
   '--disable-sync',
 ];
 
-export const PAGES = ['overview', 'training', 'route', 'deployment', 'recognition', 'compare'] as const;
+export const PAGES = ['overview', 'training', 'route', 'deployment', 'compare'] as const;

@@ -12,8 +12,7 @@ case $1 in
     [ -x "${CITYLEARN_CHROMIUM:-/usr/bin/chromium}" ] || skip 'chromium is missing'
     [ -e "$2/index.html" ] || skip 'the page is not built (target page)'
     build=$(dirname "$(dirname "$2")")
-    for program in dashboard/dashboard env_service/env_service encoder_service/encoder_service policy_service/policy_service \
-      tools/vpr/citylearn_vpr tools/record/citylearn_record; do
+    for program in dashboard/dashboard env_service/env_service encoder_service/encoder_service policy_service/policy_service; do
       [ -x "$build/$program" ] || { echo "$build/$program is not built"; exit 1; }
     done
     # A DDS domain that no other test has (tests/support/processes/domain.h); it is taken as long as file 9 is open.

@@ -20,11 +20,7 @@ class Relabel : public Learner {
         relabelled_(parameters["relabelled"]),
         visited_(parameters["visited"]),
         replay_(static_cast<std::size_t>(parameters["replay"])),
-        vtrace_(kName, parameters, task) {
-    if (!task.task.turns.empty())
-      throw Error("knows the rewards of other goals only on a line, and this route crosses itself", "learner relabel",
-                  "use the learner ppo or vtrace");
-  }
+        vtrace_(kName, parameters, task) {}
 
   static std::vector<ParameterSpec> parameter_specs() {
     std::vector<ParameterSpec> specs = VtraceGradientStep::parameter_specs();

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include "core/task/moves.h"
 #include "core/task/reward.h"
-#include "core/task/route_map.h"
 #include "core/util/random.h"
 #include "policy_service/learning/optimization/gradient_step.h"
 #include "policy_service/learning/optimization/replay.h"
@@ -27,7 +27,7 @@ inline int choose_goal(const Replay& replay, std::size_t slot, int begin, double
 
 /// Returns whether the agent was carried: an action done never, once or twice cannot lead from `here` to `there`.
 inline bool was_carried(int here, std::uint8_t action, int there) {
-  const int step = place_after(here, action, {}) - here;
+  const int step = place_after(here, action) - here;
   return there != here && there != here + step && there != here + 2 * step;
 }
 
@@ -74,7 +74,7 @@ inline void relabel(const Replay& replay, std::size_t slot, double visited, cons
     const int here = replay.position(from), there = replay.position(from + 1);
     const bool carried = was_carried(here, replay.action(from), there);
     // Agents are carried after a step, whose reward is that of the place it led to.
-    const int stepped_to = carried ? place_after(here, replay.action(from), {}) : there;
+    const int stepped_to = carried ? place_after(here, replay.action(from)) : there;
     trajectories.reward[to] = told.learned(reward.step(std::abs(goal - stepped_to)));
     trajectories.ended[to] = reward.reached() ? Rollout::kTerminated : Rollout::kGoesOn;
     begins = reward.reached();

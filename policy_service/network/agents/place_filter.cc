@@ -4,9 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <span>
 
-#include "core/task/route_map.h"
+#include "core/task/moves.h"
 #include "policy_service/network/layers.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
@@ -47,23 +46,16 @@ using namespace place_filter;
 ///
 /// How often actions slip is learned unless it is told: the likeliest by where actions led in training, where each
 /// step's place is known (add_model_gradient()). No reward has a say in it, so it is an estimate of the world.
-///
-/// On a map (task.turns) the action `stay` moves the belief along the turns, and the head's first two inputs are what
-/// they are on a line in other words: 2 P(next leads nearer to the goal), 2 P(previous does); 2 P(turning does) comes
-/// last, and the masses by distance are zero. All places are in use then.
 template <class S>
 class PlaceFilter : public AgentNetwork<S> {
  public:
   PlaceFilter(const Parameters& parameters, const NetworkTask& task)
       : places_(task.frames),
         units_(parameters.integer("units")),
-        inputs_(kInputs + (task.turns.empty() ? 0 : 1)),
+        inputs_(kInputs),
         mirror_(mirrored_inputs(inputs_)),
         keys_(task.reference, task.features, task.frames),
-        turns_(task.turns),
-        motion_(parameters["slip"], kidnap_of(parameters), task.turns) {
-    check_turns(turns_, places_);
-    if (!turns_.empty()) find_ways();
+        motion_(parameters["slip"], kidnap_of(parameters)) {
     log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
     learns_slip_ = parameters["slip"] < 0;
     scalars_ = layout_.add("filter.scalars", kScalars, 1);
@@ -150,18 +142,12 @@ class PlaceFilter : public AgentNetwork<S> {
 
       const std::ptrdiff_t goal = inputs.goal[index];
       work.head_input(kSharpness, column) = belief.squaredNorm();
-      if (turns_.empty()) {
-        const Sides sides(belief, work.weights, goal, turning(s, previous));
-        work.head_input(0, column) = S(2) * sides.before / sides.all();
-        work.head_input(1, column) = S(2) * sides.after / sides.all();
-        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
-          work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
-        });
-      } else {
-        for (const auto& [input, way, action] : kWays)
-          for (std::ptrdiff_t place = 0; place < places_; ++place)
-            if (ways(goal)[place] & way) work.head_input(input, column) += S(2) * belief(place);
-      }
+      const Sides sides(belief, work.weights, goal, turning(s, previous));
+      work.head_input(0, column) = S(2) * sides.before / sides.all();
+      work.head_input(1, column) = S(2) * sides.after / sides.all();
+      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+        work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
+      });
       for (int action = 0; action < kActions; ++action)
         work.head_input(kMask + action, column) = static_cast<S>(!(allowed >> action & 1));
       if (previous < kActions) work.head_input(kMask + kActions + previous, column) = S(0.5);
@@ -186,7 +172,7 @@ class PlaceFilter : public AgentNetwork<S> {
     work.heads.logits.row(kStay) = S(0.5) * (seen.row(kStaying) + image.row(kStaying));
     work.heads.logits.row(kNext) = seen.row(kWayOn);
     work.heads.logits.row(kPrevious) = image.row(kWayOn);
-    for (const Way& way : ways_to_goal())
+    for (const Way& way : kWays)
       work.heads.logits.row(way.action) += s.directness * work.head_input.row(way.input).head(columns);
     work.heads.values = S(0.5) * (seen.row(kStateValue) + image.row(kStateValue));
     mask_logits(inputs.allowed, work.heads.logits);
@@ -219,7 +205,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
     const Scalars s = scalars(parameters);
     Scalars ds{};
-    for (const Way& way : ways_to_goal()) {
+    for (const Way& way : kWays) {
       const auto by_logit = derivative.logits.row(way.action);
       ds.directness += by_logit.dot(work.head_input.row(way.input).head(columns));
       work.input_gradient.row(way.input).head(columns) += s.directness * by_logit;
@@ -232,31 +218,25 @@ class PlaceFilter : public AgentNetwork<S> {
       const std::uint8_t previous = inputs.previous_action[index];
       const auto belief = work.belief.col(column);
       by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
-      if (turns_.empty()) {
-        const Turning weight = turning(s, previous);
-        const Sides sides(belief, work.weights, goal, weight);
-        const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
-        const S mean = (before * sides.before + after * sides.after) / sides.all();
-        const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
-        const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
-          part += by * weights;
-          ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
-        };
-        by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
-                log_distances_.head(goal).reverse(), by_before * weight.before);
-        const std::ptrdiff_t rest = places_ - goal - 1;
-        by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
-                by_after * weight.after);
-        if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
-        if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
-        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
-          by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
-        });
-      } else {
-        for (const Way& way : kWays)
-          for (std::ptrdiff_t place = 0; place < places_; ++place)
-            if (ways(goal)[place] & way.way) by_belief(place) += S(2) * work.input_gradient(way.input, column);
-      }
+      const Turning weight = turning(s, previous);
+      const Sides sides(belief, work.weights, goal, weight);
+      const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
+      const S mean = (before * sides.before + after * sides.after) / sides.all();
+      const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
+      const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
+        part += by * weights;
+        ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
+      };
+      by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
+              log_distances_.head(goal).reverse(), by_before * weight.before);
+      const std::ptrdiff_t rest = places_ - goal - 1;
+      by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
+              by_after * weight.after);
+      if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
+      if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
+      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+        by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
+      });
       auto by_score = work.by_score.col(column);
       by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
 
@@ -265,16 +245,16 @@ class PlaceFilter : public AgentNetwork<S> {
       ds.evidence += by_evidence;
       ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
       if (column < agents || inputs.first[index]) continue;
-      auto by_before = work.by_score.col(column - agents);
+      auto by_score_before = work.by_score.col(column - agents);
       if (work.motion.exact()) {
-        work.motion.unshift(previous, by_score, by_before);
+        work.motion.unshift(previous, by_score, by_score_before);
         continue;
       }
       const auto moved = work.moved.col(column).array();
       work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
       const auto from = work.belief.col(column - agents);
       work.motion.unmove(previous, work.column, work.by_moved);
-      by_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
+      by_score_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
     }
     auto out = layout_.view(gradient, scalars_);
     const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
@@ -296,7 +276,7 @@ class PlaceFilter : public AgentNetwork<S> {
       if (inputs.first[column]) continue;
       const int here = inputs.position[column - agents], goal = inputs.goal[column - agents];
       const auto leads = [&](int times, int where) {
-        return place_after(here, inputs.previous_action[column], turns_, times, inputs.frames) == where ? S(1) : S(0);
+        return place_after(here, inputs.previous_action[column], times, inputs.frames) == where ? S(1) : S(0);
       };
       // Of steps that can end the episode only those that did not are seen here, too many of them slips.
       if (leads(1, goal) + leads(2, goal) > 0) continue;
@@ -310,12 +290,11 @@ class PlaceFilter : public AgentNetwork<S> {
 
  private:
   static constexpr double kFirstSlip = 0.01;  // before anything is experienced
-  enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
   struct Way {
     int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
-    std::uint8_t way, action;
+    std::uint8_t action;
   };
-  static constexpr Way kWays[] = {{0, kByNext, kNext}, {1, kByPrevious, kPrevious}, {kInputs, kByTurning, kStay}};
+  static constexpr Way kWays[] = {{0, kNext}, {1, kPrevious}};
   struct Scalars {
     S evidence, tempering, nearness, turning, directness;
   };
@@ -356,9 +335,6 @@ class PlaceFilter : public AgentNetwork<S> {
     return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
   }
 
-  /// Returns the ways that the route has. A line has no turning.
-  std::span<const Way> ways_to_goal() const { return std::span(kWays).first(turns_.empty() ? 2 : 3); }
-
   /// Calls use(input, first, count) with the places of each input that is a mass by distance.
   template <class Use>
   void for_each_scale(std::ptrdiff_t goal, Use&& use) const {
@@ -372,36 +348,11 @@ class PlaceFilter : public AgentNetwork<S> {
     }
   }
 
-  /// Finds which steps lead nearer to each goal from each place.
-  void find_ways() {
-    const auto places = static_cast<std::size_t>(places_);
-    ways_.assign(places * places, 0);
-    std::vector<int> distances;
-    for (int goal = 0; goal < places_; ++goal) {
-      distances_to(goal, places_, turns_, distances);
-      const auto nearer = [&](int from, int to) {
-        return to >= 0 && to < places_ &&
-               distances[static_cast<std::size_t>(to)] < distances[static_cast<std::size_t>(from)];
-      };
-      std::uint8_t* way = ways_.data() + static_cast<std::size_t>(goal) * places;
-      for (int place = 0; place < places_; ++place, ++way) {
-        if (nearer(place, place_after(place, kNext, turns_))) *way |= kByNext;
-        if (nearer(place, place_after(place, kPrevious, turns_))) *way |= kByPrevious;
-        if (nearer(place, place_after(place, kStay, turns_))) *way |= kByTurning;
-      }
-    }
-  }
-  const std::uint8_t* ways(std::ptrdiff_t goal) const {
-    return ways_.data() + static_cast<std::size_t>(goal) * static_cast<std::size_t>(places_);
-  }
-
   int places_, units_, inputs_;
   std::vector<int> mirror_;
   PlaceKeys<S> keys_;
   Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
-  std::vector<int> turns_;   ///< N; empty on a line
   Motion<S> motion_;
-  std::vector<std::uint8_t> ways_;  ///< N x N on a map, goal-major: which steps lead nearer
   TensorLayout layout_;
   bool learns_slip_ = false;
   std::size_t slip_ = 0;  ///< where it is learned

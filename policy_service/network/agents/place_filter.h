@@ -32,7 +32,7 @@ inline double kidnap_of(const Parameters& parameters) {
   return parameters["slip"] < 0 ? std::max(parameters["kidnap"], kLeast) : parameters["kidnap"];
 }
 
-/// Inputs of the head: 2 S(before), 2 S(after), masses by distance before and after the goal, these; on a map one more.
+/// Inputs of the head: 2 S(before), 2 S(after), masses by distance before and after the goal, these.
 enum { kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };
 constexpr int kWayOn = 0, kStaying = 1, kStateValue = 2, kOutputs = 3;  ///< outputs of the head, for each direction
 

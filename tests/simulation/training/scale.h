@@ -7,8 +7,7 @@
 namespace citylearn::simulation {
 
 /// Processor time of a service's main thread, in microseconds: for each step of an agent that an env_service makes, an
-/// actor acts in, and a learner learns from, as bench_scale measures it; and for each message that the learner sends to
-/// one actor.
+/// actor acts in, and a learner learns from; and for each message that the learner sends to one actor.
 struct Costs {
   double env = 0, actor = 0, learner = 0, copy = 0;
 };

@@ -32,15 +32,6 @@ inline Traversal small_city(int frames = 16, int dimension = 12) {
   return city;
 }
 
-/// Returns a city where places 3 and 12 are one spot; so are 6, 9 and the last one, if there are 16 or more.
-inline Traversal crossed(Traversal city) {
-  for (int place = 0; place < city.frames; ++place) city.turns.push_back(place);
-  std::swap(city.turns.at(3), city.turns.at(12));
-  std::swap(city.turns.at(6), city.turns.at(9));
-  std::swap(city.turns.at(9), city.turns.back());
-  return city;
-}
-
 /// The same places under another condition.
 inline Traversal other_season(Traversal city) {
   city.name = "other season";
@@ -57,7 +48,7 @@ struct Cities : std::vector<const Traversal*> {
 
 inline NetworkTask task_of(const Cities& cities) {
   const Traversal& city = *cities.front();
-  NetworkTask task{city.dimension, city.frames, {}, city.turns};
+  NetworkTask task{city.dimension, city.frames, {}};
   task.reference.resize(city.dimension, city.frames * static_cast<std::ptrdiff_t>(cities.size()));
   std::ptrdiff_t first = 0;
   for (const Traversal* one : cities) {

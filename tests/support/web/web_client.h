@@ -63,7 +63,6 @@ class WebClient {
   }
   WebClient(const WebClient&) = delete;
   WebClient& operator=(const WebClient&) = delete;
-  int descriptor() const { return socket_; }
 
   /// Returns false when the server no longer listens to us.
   bool send(std::string_view bytes) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recording a run of real services, and playing it: to a recorder, to the dashboard, to a learner.
+// Recording a run of real services, and playing it: to a recorder and to the dashboard.
 #include <gtest/gtest.h>
 
 #include <set>
@@ -76,18 +76,15 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   EXPECT_EQ(updates_in(trial.folder() / "opened.sqlite").size(), 40u) << dashboard->output();
 }
 
-TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
+TEST_P(Vendors, AKilledRecordingIsRead) {
   Trial trial(GetParam());
   const std::string file = trial.folder() / "run.mcap";
   const auto record =
       trial.program(CITYLEARN_RECORD, "record", {"--output", file, "--topics", "trajectory,learner_info"});
   ASSERT_TRUE(record->says("records to", kLongWait)) << record->output();
   const auto env = trial.env("summer");
-  const auto learner = [&](int updates, const std::string& output) {
-    return trial.train(updates, output, {"--role", "learner", "--trainer-agents", "8", "--learner", "vtrace"});
-  };
   {
-    const auto first = learner(30, "first");
+    const auto first = trial.train(30, "first", {"--role", "learner", "--trainer-agents", "8"});
     const auto actor = trial.policy({"--role", "actor", "--id", "actor"});
     ASSERT_EQ(first->wait(kLongWait), 0) << first->output();
   }
@@ -101,20 +98,7 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   ASSERT_TRUE(poll_until([&] { return trajectories() >= 240 - 2 * 8; }, kLongWait))
       << trajectories() << " trajectories, " << record->output();
   ASSERT_EQ(record->end(SIGKILL, kLongWait), 128 + SIGKILL);
-
-  const auto second = learner(25, "second");
-  const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--learner"});
-  ASSERT_EQ(second->wait(kLongWait), 0) << second->output() << replay->output();
-  ASSERT_EQ(replay->wait(kLongWait), 0) << replay->output();
-  EXPECT_TRUE(contains(replay->output(), "trajectories accepted"));
-  EXPECT_TRUE(contains(contents(trial.folder() / "second/summary.json"), "\"steps\": 12800"));
-
-  // A learner for other trajectories is not what they are played to.
-  const auto other =
-      trial.train(25, "other", {"--role", "learner", "--trainer-agents", "8", "--trainer-sequence", "32"});
-  const auto wrong = trial.program(CITYLEARN_REPLAY, "wrong", {file, "--learner"});
-  ASSERT_EQ(wrong->wait(kLongWait), 1) << wrong->output() << other->output();
-  EXPECT_TRUE(contains(wrong->output(), "has 64 steps a trajectory, the learner wants 32"));
+  EXPECT_GE(trajectories(), 240u - 2 * 8) << "what is on the disk is read";
 }
 
 }  // namespace

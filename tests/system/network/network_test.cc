@@ -306,7 +306,6 @@ std::string pairing_name(const ::testing::TestParamInfo<std::tuple<std::string, 
 }
 INSTANTIATE_TEST_SUITE_P(Hosts, Training, kPairings, pairing_name);
 
-// How much slower it is is what bench/cases/loss.md asks.
 TEST_P(Training, LosesNoEpisodeWhenOnePacketInTwentyIsLost) {
   Hosts hosts(3);
   std::vector<std::unique_ptr<Service>> envs;

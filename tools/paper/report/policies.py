@@ -22,22 +22,15 @@ class Trials:
 
     @property
     def seeds_by_tasks(self) -> str:
-        return f"{len(self.rows)} x {self._tasks()}" if self.rows else "-"
-
-    def _tasks(self) -> int:
-        row = self.rows[-1]
-        return row["tasks"] if "tasks" in row else row["completed"]["n"]
+        return f"{len(self.rows)} x {self.rows[-1]['tasks']}" if self.rows else "-"
 
     def figure(self, name: str) -> Estimate:
-        """Returns the mean over the seeds. Of one seed the estimate over its tasks, where the row has one, and for
-        completed tasks their share (Wilson)."""
+        """Returns the mean over the seeds. Of one seed it is, for completed tasks, their share (Wilson)."""
         values = [row[name] for row in self.rows]
-        if len(values) == 1 and isinstance(values[0], dict):
-            return Estimate.of(values[0], "mean", "low", "high", "n")
         if len(values) == 1 and name == "completed":
-            return share_of(values[0] * self._tasks(), self._tasks())
-        return mean_of([number(value["mean"] if isinstance(value, dict) else value) for value in values],
-                       BOUNDS.get(name, COUNTS))
+            tasks = self.rows[0]["tasks"]
+            return share_of(values[0] * tasks, tasks)
+        return mean_of([number(value) for value in values], BOUNDS.get(name, COUNTS))
 
     @property
     def spl(self) -> Estimate:
@@ -164,8 +157,7 @@ TRIED: dict[str, Callable[[Trials], str]] = {
     "SPL": lambda trials: text_of(trials.spl, 3),
     "excess": lambda trials: text_of(trials.figure("excess"), 2),
     "steps": lambda trials: text_of(trials.figure("steps"), 1),
-    "reward": lambda trials: text_of(trials.figure("reward"), 3),
-    "shortest": lambda trials: fixed(trials.figure("shortest").mean, 1)}
+    "reward": lambda trials: text_of(trials.figure("reward"), 3)}
 
 
 def training_row(policy: Policy, columns: list[str | tuple[str, str]]) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from inputs import InputError, Inputs
 from page import Page
-from sections import comparisons, figure_10, figures, junctions, recognition, tables, transfer, viewpoint
+from sections import comparisons, figure_10, figures, recognition, tables, transfer, viewpoint
 from study import Study
 
 RENDERERS = {
@@ -14,7 +14,7 @@ RENDERERS = {
     "figure-8-9": figures.figure_8_9, "figure-10": figure_10.render, "tables": tables.render,
     "longer-routes": comparisons.longer_routes, "transfer": transfer.render, "viewpoint": viewpoint.render,
     "experiences": comparisons.experiences, "imperfect-world": comparisons.imperfect_world,
-    "dimensions": comparisons.dimensions, "map": junctions.render}
+    "dimensions": comparisons.dimensions}
 
 
 def make_report(folder: Path) -> None:

@@ -132,7 +132,7 @@ def policy_of(inputs: Inputs, train: str, entry: Any) -> Policy:
     cells = {"agent": entry["label"], "policy": entry["label"], "variant": entry["variant"],
              "learner": entry["learner"], "representation": entry["representation"], "features": str(entry["features"]),
              "places": str(entry["frames"]), "knows": ", ".join([train, *entry["experiences"]]),
-             "world": name_of(entry["imperfections"]), "junctions": "yes" if entry["junctions"] else "no",
+             "world": name_of(entry["imperfections"]),
              "trained": str(entry["steps"]) if entry["learns"] else "-"}
     return Policy(entry, [inputs.outcome(unit) for unit in entry["units"]], cells)
 

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the paper has no figures of: other routes, cameras, experiences, worlds and maps.
+// What the paper has no figures of: other routes, cameras, experiences and worlds.
 #include <algorithm>
 
-#include "env_service/geometry/crossings.h"
 #include "tools/paper/sections/sections.h"
 #include "tools/paper/studies/measurements.h"
 
@@ -64,18 +63,6 @@ std::vector<std::pair<std::string, std::vector<std::string>>> trainings_of(const
   return {{"all of it is fine-tuned", {}},
           {"input layer learns, rest frozen", {"lstm", "heads", "auxiliary"}},
           {"input layer frozen, rest learns", {"sensors"}}};
-}
-
-Json json_of(const Layout& layout) {
-  const auto [east, north] = metres_of(layout);
-  Json json = {{"first", layout.first},
-               {"frames", layout.frames},
-               {"east", Json::array()},
-               {"north", Json::array()},
-               {"junctions", junctions_of(layout.turns)}};
-  for (const double metres : east) json["east"].push_back(number(metres));
-  for (const double metres : north) json["north"].push_back(number(metres));
-  return json;
 }
 
 }  // namespace
@@ -189,38 +176,6 @@ Plan imperfect_world(const Context& context) {
            study.imperfections = imperfections;
            study.parameters = parameters;
          }});
-  }
-  return plan;
-}
-
-Plan crossings(const Context& context) {
-  const int places = context.quick ? 128 : 256;
-  Layout layout =
-      recorded_layout(context.world.recording(context.world.train()), std::min(places, context.world.frames()));
-  const bool drawn = layout.turns.empty();
-  World& world = drawn ? context.drawn : context.world;
-  if (drawn) layout = drawn_layout(std::min(places, world.frames()));
-  const std::string representation = world.representations({64}).front();
-  const std::vector<std::string> traversals = few_traversals(world);
-  Plan plan{world, {}, {{"drawn", drawn}, {"layout", json_of(layout)}, {"traversals", traversals}}};
-  for (const bool junctions : {true, false}) {
-    std::vector<std::string> controls = {"sequence_filter", "shortest_path"};
-    if (!junctions) controls.push_back("blind");
-    plan.points.push_back({{{"place_filter", representation, context.seeds, context.quick ? 8.0 : 20.0},
-                            {"features", representation, context.few_seeds(), context.quick ? 25.0 : 120.0}},
-                           controls,
-                           [=, &context](Study& study) {
-                             study.map = layout;
-                             study.first = layout.first;
-                             study.frames = layout.frames;
-                             study.junctions = junctions;
-                             study.traversals = traversals;
-                             study.deploy_every = 0;
-                             // The recommended number; with --quick a third of it for the slow agent.
-                             study.steps = context.share_of_steps(study, 1);
-                             if (context.quick && study.policy == "features")
-                               study.steps = std::max<std::uint64_t>(1, study.steps / 3);
-                           }});
   }
   return plan;
 }

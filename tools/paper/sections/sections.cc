@@ -37,7 +37,6 @@ Json described(const Study& study, const std::string& label, const std::string& 
           {"experiences", study.experiences},
           {"imperfections", as_json(study.imperfections)},
           {"parameters", study.parameters},
-          {"junctions", study.junctions},
           {"units", Json::array()}};
 }
 
@@ -56,8 +55,7 @@ const std::vector<Section>& sections() {
       {"viewpoint", "Beyond the paper: a camera to the side", viewpoint},
       {"experiences", "Beyond the paper: two experiences of a route", experiences},
       {"imperfect-world", "Beyond the paper: an imperfect world", imperfect_world},
-      {"dimensions", "The paper's main finding: smaller features generalise better", dimensions},
-      {"map", "Beyond the paper: a map with junctions", crossings}};
+      {"dimensions", "The paper's main finding: smaller features generalise better", dimensions}};
   return all;
 }
 

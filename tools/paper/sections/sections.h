@@ -84,7 +84,7 @@ const std::vector<Section>& sections();
 
 /// Adds the units of work of a section and returns what its page has to know: Plan::more, "recordings", "substitute"
 /// and "points", for each [{"policy", "label", "variant", "learns", "learner", "representation", "features", "frames",
-/// "steps", "seeds", "experiences", "imperfections", "parameters", "junctions", "units"}], agents before controls. A
+/// "steps", "seeds", "experiences", "imperfections", "parameters", "units"}], agents before controls. A
 /// unit is its place in results.json.
 Json planned(const Section& section, const Context& context);
 
@@ -107,7 +107,5 @@ Plan viewpoint(const Context& context);
 Plan experiences(const Context& context);
 /// Actions slip, frames are dropped and agents are carried elsewhere, in training and in trials.
 Plan imperfect_world(const Context& context);
-/// On recordings that cross themselves, else on the drawn city, laid on a drawn map.
-Plan crossings(const Context& context);
 
 }  // namespace citylearn::paper

@@ -9,12 +9,9 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "core/task/route_map.h"
 #include "core/task/spl.h"
-#include "env_service/geometry/crossings.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
-#include "tools/paper/studies/statistics.h"
 #include "tools/paper/studies/walk.h"
 
 namespace citylearn::paper {
@@ -52,43 +49,17 @@ Vector<float> unpacked(const std::string& text, std::ptrdiff_t count, const std:
   return numbers;
 }
 
-/// Returns the stretch as a traversal of its own, with its junctions on request.
-Traversal cut_out(const Traversal& whole, const Layout& layout, bool junctions) {
-  Traversal part = whole;
-  const auto dimension = static_cast<std::ptrdiff_t>(part.dimension);
-  const auto first = static_cast<std::ptrdiff_t>(layout.first), end = first + layout.frames;
-  if (end > whole.frames)
-    throw Error("has " + std::to_string(whole.frames) + " frames, the map ends at " + std::to_string(end),
-                "traversal '" + whole.name + "'");
-  part.frames = layout.frames;
-  part.features.assign(whole.features.begin() + first * dimension, whole.features.begin() + end * dimension);
-  part.positions.assign(whole.positions.begin() + first, whole.positions.begin() + end);
-  part.times.clear();
-  part.latitude = layout.latitude;
-  part.longitude = layout.longitude;
-  part.turns = junctions ? layout.turns : std::vector<int>();
-  return part;
-}
-
 /// A study that is computed.
 class Run {
  public:
-  Run(const Study& study, World& world)
-      : study_(study), world_(world), first_(study.map ? 0 : study.first), train_(world.train()) {}
+  Run(const Study& study, World& world) : study_(study), world_(world), train_(world.train()) {}
 
   Json train();
   Json unchanged();
   Json control();
 
  private:
-  /// A traversal with the route; on a map the route alone.
-  const Traversal& traversal(const std::string& name) {
-    const Traversal& whole = world_.traversal(study_.representation, name);
-    if (!study_.map) return whole;
-    Traversal& part = parts_[name];
-    if (part.frames == 0) part = cut_out(whole, *study_.map, study_.junctions);
-    return part;
-  }
+  const Traversal& traversal(const std::string& name) { return world_.traversal(study_.representation, name); }
 
   /// The traversal learned from and other ones.
   Experiences experiences() {
@@ -97,19 +68,10 @@ class Run {
     return all;
   }
 
-  /// Length of the shortest path; on a map with its junctions, whether the policy has them or not.
-  int shortest(const Episode& episode) {
-    if (!study_.map) return episode.shortest;
-    std::vector<int>& distances = distances_[episode.goal];
-    if (distances.empty()) distances_to(episode.goal, study_.frames, study_.map->turns, distances);
-    return distances[static_cast<std::size_t>(episode.start)];
-  }
-  double spl(const Episode& episode) { return spl_of(episode.completed, shortest(episode), episode.steps); }
-
   /// Episodes of a fresh policy.
   Episodes play(const std::unique_ptr<Policy>& policy, const std::string& name, int tasks, bool shuffle = false) {
     Trial trial;
-    trial.first_frame = first_;
+    trial.first_frame = study_.first;
     trial.frames = trial.max_steps = study_.frames;
     trial.tasks = tasks;
     trial.shuffle = shuffle;
@@ -118,43 +80,16 @@ class Run {
     return try_out(*policy, traversal(name), trial);
   }
 
-  /// Tries a fresh policy on each traversal: [{"traversal", SCORE}], on a map {"trials", "walk"}.
+  /// Tries a fresh policy on each traversal: [{"traversal", SCORE}].
   template <class Make>
   Json tried(const Make& make) {
-    Json rows = Json::array(), walk;
+    Json rows = Json::array();
     for (const std::string& name : study_.traversals) {
-      const Episodes episodes = play(make(name), name, study_.tasks);
-      Json row = study_.map ? on_map(episodes) : as_json(score(episodes));
+      Json row = as_json(score(play(make(name), name, study_.tasks)));
       row["traversal"] = name;
       rows.push_back(std::move(row));
-      if (study_.map && name == study_.traversals.front()) walk = walk_on_map(episodes);
     }
-    return study_.map ? Json{{"trials", rows}, {"walk", walk}} : rows;
-  }
-
-  Json on_map(const Episodes& episodes) {
-    std::vector<double> spl, steps, shortest;
-    double completed = 0;
-    for (const Episode& episode : episodes) {
-      completed += episode.completed;
-      spl.push_back(this->spl(episode));
-      steps.push_back(episode.steps);
-      shortest.push_back(episode.shortest);
-    }
-    return {{"completed", share_estimate(completed, static_cast<int>(episodes.size()))},
-            {"spl", mean_estimate(spl)},
-            {"steps", mean_estimate(steps)},
-            {"shortest", mean_estimate(shortest)}};
-  }
-
-  Json walk_on_map(const Episodes& episodes) {
-    const auto saved = [&](const Episode& one) { return std::abs(one.goal - one.start) - shortest(one); };
-    const Episode& most = *std::max_element(episodes.begin(), episodes.end(), [&](const auto& one, const auto& other) {
-      return saved(one) < saved(other);
-    });
-    return {{"start", most.start},
-            {"goal", most.goal},
-            {"places", places_walked(most.start, most.steps, most.path, traversal(train_).turns, study_.frames)}};
+    return rows;
   }
 
   /// Adds the means over the episodes that ended in one update.
@@ -163,12 +98,11 @@ class Run {
     for (const Episode& episode : finished) {
       reward += static_cast<double>(episode.reward);
       length += episode.steps;
-      spl += this->spl(episode);
+      spl += spl_of(episode.completed, episode.shortest, episode.steps);
     }
     const auto n = static_cast<double>(finished.size());  // none: NaN, which is null
     curve["episodes"].push_back(progress.episodes);
     curve["spl"].push_back(number(spl / n));
-    if (study_.map) return;
     curve["steps"].push_back(progress.steps);
     curve["seconds"].push_back(seconds);
     curve["reward"].push_back(number(reward / n));
@@ -183,8 +117,8 @@ class Run {
     const std::string where = "the trained " + agent.name;
     const Json& outcome = saved.work->outcome(saved.study);
     if (outcome.is_null()) throw Error("its training failed", where);
-    agent.task = network_task(traversal(train_), first_, study_.frames);
-    agent.first_frame = first_;
+    agent.task = network_task(traversal(train_), study_.first, study_.frames);
+    agent.first_frame = study_.first;
     const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
     agent.network = entry.create(Parameters("network " + agent.name, entry.parameters, {}), agent.task);
     agent.parameters = unpacked(outcome.at("parameters").get<std::string>(), agent.network->parameter_count(), where);
@@ -200,10 +134,7 @@ class Run {
 
   const Study& study_;
   World& world_;
-  const int first_;  ///< of the route, in traversal()
   const std::string& train_;
-  std::map<std::string, Traversal> parts_;     ///< of a map
-  std::map<int, std::vector<int>> distances_;  ///< by goal
 };
 
 TrainerOptions Run::trainer_options() {
@@ -211,7 +142,7 @@ TrainerOptions Run::trainer_options() {
   options.agent = study_.policy;
   options.learner = study_.learner;
   options.seed = study_.seed;
-  options.first_frame = first_;
+  options.first_frame = study_.first;
   if (study_.steps > 0) options.trainer_parameters["steps"] = static_cast<double>(study_.steps);
   if (study_.initial) options.initial = initial_agent();
   options.frozen = study_.frozen;
@@ -233,9 +164,8 @@ Json Run::train() {
   const Experiences known = experiences();
   InprocessTraining training(trainer_options(), known, study_.frames, {environments(), study_.imperfections});
   Trainer& trainer = training.trainer();
-  Json curve = {{"episodes", Json::array()}, {"spl", Json::array()}};
-  if (!study_.map)
-    for (const char* name : {"steps", "seconds", "reward", "length"}) curve[name] = Json::array();
+  Json curve;
+  for (const char* name : {"episodes", "spl", "steps", "seconds", "reward", "length"}) curve[name] = Json::array();
   Json deployments = Json::array(), spl95 = nullptr;
   double judging = 0;
   std::uint64_t deploy_at = 0;
@@ -261,22 +191,22 @@ Json Run::train() {
     }
   }
   const double seconds = seconds_since(start) - judging;
-  Json outcome;
-  if (study_.map) {
-    outcome = tried([&](const std::string&) { return policy_of(trainer.agent()); });
-  } else {
-    Json trials = Json::array();
-    for (const std::string& name : study_.traversals)
-      for (const bool shuffled : {false, true}) {
-        const Episodes episodes = play(policy_of(trainer.agent()), name, study_.tasks, shuffled);
-        Json row = as_json(score(episodes));
-        row.update({{"shuffled", shuffled}, {"traversal", name}});
-        if (!shuffled) row["walk"] = walk_of(episodes, traversal(name).frames);
-        trials.push_back(std::move(row));
-      }
-    outcome = {{"deployments", deployments}, {"trials", trials}, {"seconds", seconds}, {"spl95", spl95}};
-  }
-  outcome.update({{"curve", curve}, {"episodes", trainer.progress().episodes}, {"steps", trainer.progress().steps}});
+  Json trials = Json::array();
+  for (const std::string& name : study_.traversals)
+    for (const bool shuffled : {false, true}) {
+      const Episodes episodes = play(policy_of(trainer.agent()), name, study_.tasks, shuffled);
+      Json row = as_json(score(episodes));
+      row.update({{"shuffled", shuffled}, {"traversal", name}});
+      if (!shuffled) row["walk"] = walk_of(episodes, traversal(name).frames);
+      trials.push_back(std::move(row));
+    }
+  Json outcome = {{"deployments", deployments},
+                  {"trials", trials},
+                  {"seconds", seconds},
+                  {"spl95", spl95},
+                  {"curve", curve},
+                  {"episodes", trainer.progress().episodes},
+                  {"steps", trainer.progress().steps}};
   if (study_.save_parameters) outcome["parameters"] = packed(trainer.network_parameters());
   return outcome;
 }
@@ -290,9 +220,9 @@ Json Run::control() {
   const auto& entry = ControlRegistry::instance().find("control", study_.policy);
   return tried([&](const std::string& name) {
     const Experiences known = study_.policy == "oracle_filter" ? Experiences(traversal(name)) : experiences();
-    const NetworkTask route = network_task(known, first_, study_.frames);
+    const NetworkTask route = network_task(known, study_.first, study_.frames);
     return entry.create(Parameters("control " + study_.policy, entry.parameters, study_.parameters),
-                        {first_, study_.frames, route.reference, route.turns});
+                        {study_.first, study_.frames, route.reference});
   });
 }
 
@@ -304,12 +234,10 @@ std::string name_of(const Study& study) {
                        study.first + study.frames - 1, study.seed);
   const bool trains = study.kind == Study::Kind::kTraining;
   std::string name = trains ? "training " + study.policy : study.policy;
-  name += study.map
-              ? fmt::format(" on a map of {} places, {} junctions", study.frames, study.junctions ? "with" : "without")
-              : fmt::format(" on {}, {} places", study.representation, study.frames);
+  name += fmt::format(" on {}, {} places", study.representation, study.frames);
   if (trains) {
     name += fmt::format(", seed {}", study.seed);
-    if (study.first > 0 && !study.map) name += fmt::format(", from place {} on", study.first);
+    if (study.first > 0) name += fmt::format(", from place {} on", study.first);
     if (!study.experiences.empty()) name += fmt::format(", on {} too", fmt::join(study.experiences, ", "));
     if (study.initial) name += ", carried over";
     if (!study.frozen.empty()) name += fmt::format(", {} frozen", fmt::join(study.frozen, ", "));
@@ -330,8 +258,7 @@ Unit unit_of(const Study& study, World& world) {
   const bool trains = study.kind == Study::Kind::kTraining, unchanged = study.kind == Study::Kind::kUnchanged;
   std::vector<std::string> recordings = study.traversals;
   if (unchanged) recordings.push_back(world.train());  // where its knowledge of the places comes from
-  Json spec = {{"kind", study.map   ? "map"
-                        : trains    ? "training"
+  Json spec = {{"kind", trains      ? "training"
                         : unchanged ? "carried"
                                     : "control"},
                {"representation", study.representation},
@@ -343,10 +270,7 @@ Unit unit_of(const Study& study, World& world) {
     spec.update({{"parameters", Trainer::recommended_parameters(study.policy, study.learner)},
                  {"seed", study.seed},
                  {"steps", study.steps}});
-  if (study.map) {
-    spec.update(
-        {{"policy", study.policy}, {"junctions", study.junctions}, {"crossings", junctions_of(study.map->turns)}});
-  } else if (trains) {
+  if (trains) {
     spec.update({{"agent", study.policy},
                  {"learner", study.learner},
                  {"tasks", {study.tasks, study.tasks_between}},

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "tools/lab/training.h"
-#include "tools/paper/studies/map_layout.h"
 #include "tools/paper/work.h"
 #include "tools/paper/world.h"
 
@@ -30,8 +29,6 @@ struct Study {
   std::string policy, learner = "ppo";
   std::string representation;
   int first = 0, frames = 128;           ///< the route; N steps are the limit of its tasks
-  std::optional<Layout> map;             ///< of the route; SPL is then measured by shortest paths with its junctions
-  bool junctions = false;                ///< the policy can turn at them and knows them, if not by sight
   std::vector<std::string> experiences;  ///< traversals that it learns from, or that a filter knows, besides
                                          ///< World::train()
   std::uint64_t seed = 1;
@@ -53,10 +50,7 @@ struct Study {
 /// [{"episodes", "traversal", SCORE}]; "trials": [{"traversal", "shuffled", SCORE}], those not shuffled with "walk"
 /// (walk.h); "episodes", "steps", "seconds"; "spl95": {"episodes", "steps", "seconds"} or null; "parameters": text,
 /// where they are saved. Of other kinds: [{"traversal", SCORE}]. SCORE: tasks, completed, spl, excess, steps, reward.
-/// On a map: "trials": [{"traversal", "completed", "spl", "steps", "shortest"}], an estimate over tasks each
-/// (statistics.h); "shortest" is the path that the policy could have taken. "walk": {"start", "goal", "places"} on the
-/// traversal learned from, of the task for which junctions save most. Of trainings also "curve": {"episodes", "spl"},
-/// "episodes", "steps". All but the seconds are the same again with the same seed.
+/// All but the seconds are the same again with the same seed.
 Unit unit_of(const Study& study, World& world);
 
 /// {"slip", "dropped_frames", "kidnappings"}.

@@ -6,8 +6,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "core/task/moves.h"
 #include "core/task/path.h"
-#include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/wire/messages.h"
 #include "encoder_service/encoding/encoder.h"
@@ -30,20 +30,21 @@ cv::Mat thumbnail(const Traversal& traversal, int frame) {
   return result;
 }
 
-}  // namespace
-
-std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
-                               int places) {
+/// Returns the places that an episode visits, from `start` on; `path` holds its actions as in EpisodeStat. Throws Error
+/// when they lead off the route.
+std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, int places) {
   std::vector<int> walked = {start};
   for (int step = 0; step < steps; ++step) {
     const std::uint8_t action = action_at(path, static_cast<std::size_t>(step));
-    const int place = action < kActions ? place_after(walked.back(), action, turns) : -1;
+    const int place = action < kActions ? place_after(walked.back(), action) : -1;
     if (place < 0 || place >= places)
       throw Error("step " + std::to_string(step) + " leads off the route", "path of an episode");
     walked.push_back(place);
   }
   return walked;
 }
+
+}  // namespace
 
 Json walk_of(const std::vector<Environment::Episode>& episodes, int frames) {
   const auto end = episodes.begin() + std::min<std::ptrdiff_t>(kCandidates, std::ssize(episodes));
@@ -54,7 +55,7 @@ Json walk_of(const std::vector<Environment::Episode>& episodes, int frames) {
   return {{"task", episode.task},
           {"goal", episode.goal},
           {"completed", episode.completed},
-          {"frames", places_walked(episode.start, known, episode.path, {}, frames)}};
+          {"frames", places_walked(episode.start, known, episode.path, frames)}};
 }
 
 std::vector<int> spread(int count, int most) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cstdint>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -11,15 +9,10 @@
 
 namespace citylearn::paper {
 
-/// Returns the places that an episode visits, from `start` on; `path` holds its actions as in EpisodeStat. Throws Error
-/// when they lead off the route.
-std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
-                               int places);
-
 /// Returns the one episode of a trial that is shown as pictures: of its first 20 tasks the first one with the longest
 /// shortest path. All agents have the same tasks, so all walks have the same start and goal.
 /// Outcome: {"task", "goal", "completed", "frames"}: the frames it visited, as indices on the traversal.
-/// `episodes` by task, at least one, on a traversal of so many frames without turns.
+/// `episodes` by task, at least one, on a traversal of so many frames.
 Json walk_of(const std::vector<Environment::Episode>& episodes, int frames);
 
 /// Returns which of `count` frames to show as `most` pictures: the first, the last, and evenly spread ones between.

@@ -50,73 +50,10 @@ export type ServiceEvent = Rows['event'] & { kind: 'started' | 'stopped' | 'lost
 
 export type TraversalMap = Rows['map'];
 
-/** What is shown of a row of what `citylearn vpr` wrote (results.json). */
-export interface RecognitionRow {
-  encoder: string;
-  dimension: number;
-  centring: string;
-  method: string;
-  query: string;
-  queries: number;
-  recall_1: number | null;
-  recall_1_interval: [number, number];
-  recall_5: number | null;
-  recall_10: number | null;
-  auc: number;
-  auc_interval: [number, number];
-  recall_at_full_precision: number;
-}
-export interface Recognition {
-  name: string;
-  command?: string;
-  reference?: string;
-  ground_truth?: string;
-  rows?: RecognitionRow[];
-  /** Files with similarities, for GET .../matrix?file=. */
-  matrices?: string[];
-  /** Why the summary cannot be read. */
-  error?: string;
-}
-
-/** Precision over recall of one row of a Recognition. */
-export interface RecognitionCurve extends Pick<RecognitionRow, 'encoder' | 'dimension' | 'centring' | 'method' | 'query' | 'auc'> {
-  recall: number[];
-  precision: number[];
-}
-
 export type About = Rows['about'];
 
 /** How far a run is: values of all axes of its curves. `wall` is in seconds of training. */
-export type RunMoment = Rows['moment'];
-/** The first and the last moment of a run that a recording has. */
-export interface MomentSpan {
-  first: RunMoment;
-  last: RunMoment;
-}
-
-/** How an open recording is played. */
-export interface Playback {
-  /** Seconds since its beginning. */
-  position: number;
-  /** Seconds; null while the recording is being read for it. */
-  length: number | null;
-  speed: number | 'max';
-  paused: boolean;
-  /** On its way to a position, as fast as it can. */
-  seeking: boolean;
-  ended: boolean;
-  /** How often an earlier position was asked for. What was fetched before is not of this time. */
-  generation: number;
-  /** How far the runs are at the position, by their IDs. */
-  runs: { [run: string]: RunMoment };
-}
-export interface PlaybackAnswer extends Playback {
-  /** How many there are in each hundredth of the recording. */
-  marks: { updates: number[]; episodes: number[] } | null;
-  spans: { [run: string]: MomentSpan } | null;
-}
-/** `moment` is a position, too: that of a run's update that is nearest to a point of an axis. */
-export type PlaybackChange = Partial<Pick<Playback, 'position' | 'speed' | 'paused'>> & { moment?: { run: string } & Partial<RunMoment> };
+export type RunMoment = Record<'update' | 'steps' | 'episodes' | 'wall', number>;
 
 /** Header of a `scene:` frame. */
 export interface SceneHeader {

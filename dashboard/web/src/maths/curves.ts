@@ -18,7 +18,6 @@ export interface Line extends Curve {
   /** A colour of the design system: "series-1". */
   colour: string;
   faint?: boolean;
-  dashed?: boolean;
   /** Spread around the line, drawn as an area. */
   band?: { low: readonly (number | null)[]; high: readonly (number | null)[] };
 }

@@ -78,15 +78,6 @@ export function duration(seconds: number | null | undefined): string {
   return `${Math.floor(hours / 24)} d ${hours % 24} h`;
 }
 
-/** Seconds as on a player: 0:07, 12:30, 1:05:09 */
-export function timecode(seconds: number | null | undefined): string {
-  if (!known(seconds)) return NONE;
-  const whole = Math.floor(seconds);
-  const two = (value: number): string => String(value).padStart(2, '0');
-  const minutes = Math.floor(whole / 60);
-  return whole < 3600 ? `${minutes}:${two(whole % 60)}` : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)}`;
-}
-
 export function bytes(value: number | null | undefined): string {
   if (!known(value)) return NONE;
   for (const [unit, name] of [[2 ** 30, 'GiB'], [2 ** 20, 'MiB'], [2 ** 10, 'KiB']] as const)

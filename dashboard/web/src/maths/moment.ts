@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Evaluation, MomentSpan, RunMoment } from '../api/types';
+import type { Evaluation, RunMoment } from '../api/types';
 import { isControl } from './evaluations';
 import { duration, integer, short } from './format';
 import { axis, type Rows, type XAxis } from './rows';
@@ -29,15 +29,6 @@ export function momentText({ update, steps, episodes, wall }: RunMoment): string
 /** Writes a point of an axis as short as it can be without becoming another one: counts as integers, seconds with milliseconds. */
 export function pointText(x: XAxis, at: number): string {
   return x === 'wall' ? String(Number(at.toFixed(3))) : String(Math.round(at));
-}
-
-/** Says that a recording does not reach to a point of an axis, and what stands for it. Returns an empty text for one that it has. */
-export function beyondText(x: XAxis, at: number, { first, last }: MomentSpan): string {
-  const name = (point: number): string => (x === 'wall' ? duration(point) : `${integer(point)} ${x === 'update' ? 'updates' : x}`);
-  const point = (moment: RunMoment): number => Number(pointText(x, moment[x]));
-  if (at > point(last)) return `The recording of this run ends at ${name(point(last))}, before ${name(at)}: it shows its last update.`;
-  if (at < point(first) && first.update > 1) return `The recording of this run begins at ${name(point(first))}, after ${name(at)}: it shows its first update.`;
-  return '';
 }
 
 /** Returns the agent's newest evaluation on a traversal up to an update; null for none. Without an update, the newest of all. */

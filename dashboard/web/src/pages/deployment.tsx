@@ -7,7 +7,6 @@ import type { Line } from '../maths/curves';
 import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl, splMatrix } from '../maths/evaluations';
 import { dateTime, fixed, integer, percent, plural, short, threeDecimals } from '../maths/format';
 import { cursorAt, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
-import { playing } from '../state/playback';
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { seriesColour } from '../state/theme';
@@ -39,8 +38,8 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
   const detail = useJson<RunDetail>(runPath(run.id), run.state);
   const asked = Number(param('episode', '0'));
   const seen = useMoment(run);
-  // What the cursor stands on is replayed until another episode is chosen. While a recording is played on, it stands nowhere.
-  const at = playing.value ? null : cursorAt();
+  // What the cursor stands on is replayed until another episode is chosen.
+  const at = cursorAt();
   const until = useEpisodesUntil(run, at === null ? null : { kind: chosen(KIND), traversal: null, seen });
   const episode = asked > 0 || at === null ? asked : (valueOf(until)?.episodes[0]?.rowid ?? 0);
   return (

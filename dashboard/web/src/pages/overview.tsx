@@ -8,7 +8,6 @@ import { meanRate, runName } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
 import { known } from '../maths/seeds';
 import { useJson, valueOf } from '../state/resource';
-import { playback } from '../state/playback';
 import { hrefOf } from '../state/router';
 import { about, alarmedServices, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
 import { useTraining } from '../state/training';
@@ -172,8 +171,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
 /** Returns the seconds since the last heartbeat: the age that the server sent plus the time since then. */
 function ageOf(service: Service, all: SeenServices): number | null {
   if (service.age === null) return null;
-  const still = playback.value && (playback.value.paused || playback.value.seeking);
-  return service.age + (still ? 0 : Math.max(0, now.value - all.seen) / 1000);
+  return service.age + Math.max(0, now.value - all.seen) / 1000;
 }
 
 function heartbeat(seconds: number | null): string {

@@ -7,7 +7,6 @@ import { evaluationName } from '../maths/evaluations';
 import { integer, threeDecimals } from '../maths/format';
 import { routePart } from '../maths/scene';
 import { curveAxis, cursorAt, moved, setCursor, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
-import { playback, spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, Show, Tick } from '../ui/basics';
@@ -65,11 +64,6 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
   );
 }
 
-/** The moment of a run in an open recording, above what the recording shows of it. */
-export function RecordingMoment({ run }: { run: Run }): JSX.Element {
-  return <MomentOf run={run} seen={useMoment(run, true)} clear="" />;
-}
-
 /** The cursor of a run: its axis, beside other choices, and what it stands on. */
 function MomentOf({ run, seen, clear, children }: { run: Run; seen: Seen; clear: string; children?: ComponentChildren }): JSX.Element {
   return (
@@ -112,8 +106,6 @@ function MomentCurve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX
         height={150}
         mark={cursorAt()}
         onMark={setCursor}
-        keepsMark={playback.value !== null}
-        xEnd={spans.value?.[run.id]?.last[x]}
         empty={training?.state === 'failed' ? training.error : 'No values yet'}
       />
     </div>

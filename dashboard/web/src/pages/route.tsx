@@ -10,7 +10,6 @@ import { integer } from '../maths/format';
 import { beliefText, routePart, sceneText } from '../maths/scene';
 import { idle, Trails, type Trail } from '../maths/trail';
 import { cursorAt } from '../state/cursor';
-import { playback, playing } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { now } from '../state/shared';
@@ -23,7 +22,7 @@ import { RouteLegend, RouteMap, type Walker } from '../ui/route_map';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
-import { Recorded, RecordingMoment } from './recorded_route';
+import { Recorded } from './recorded_route';
 
 const VIEW: ChoiceOf<'route' | 'whole'> = { name: 'view', label: 'Show', values: { route: 'Route', whole: 'Whole traversal' } };
 
@@ -81,11 +80,8 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
       </div>
       <Show of={detail} lines={6}>
         {(value) =>
-          traversal && run.state === 'running' && (playback.value ? param('episode', '') === '' : cursorAt() === null) ? (
-            <>
-              {playback.value && <RecordingMoment run={run} />}
-              <Scenery run={run} traversal={traversal} all={traversals} detail={value} whole={chosen(VIEW) === 'whole'} />
-            </>
+          traversal && run.state === 'running' && cursorAt() === null ? (
+            <Scenery run={run} traversal={traversal} all={traversals} detail={value} whole={chosen(VIEW) === 'whole'} />
           ) : traversal ? (
             <Recorded run={run} traversal={traversal} detail={value} whole={chosen(VIEW) === 'whole'} />
           ) : (
@@ -123,7 +119,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
     <div class="columns route-columns">
       <div class="stack">
         <Card title={`Route: ${traversal.traversal}`} hint={sceneText(scene, traversal)}>
-          {silent >= 3 && (!playback.value || playing.value) && (
+          {silent >= 3 && (
             <p class="note" role="status">
               {scene ? `No news for ${silent} s: ` : 'No agent has moved yet: '}
               {traversal.environment} is not in use now, or it has stopped.

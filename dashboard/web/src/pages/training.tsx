@@ -10,9 +10,8 @@ import { preferredGroup, type Group } from '../maths/groups';
 import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
-import { curveAxis, cursorAt, moved, seenAt, setCursor, useCursorOf } from '../state/cursor';
+import { curveAxis, cursorAt, moved, seenAt, setCursor } from '../state/cursor';
 import { useGroups } from '../state/groups';
-import { playback, spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
@@ -128,9 +127,8 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
 
   // A mark on the curves of several runs leads to what the first of them did.
   const first = fitting.flatMap((group) => group.runs).find((run) => ids.includes(run.id) && !hidden.has(run.id));
-  useCursorOf(first?.id ?? null);
   const marked = at === null ? undefined : first;
-  const seen = seenAt(marked?.id, marked && training.get(marked.id), at);
+  const seen = seenAt(marked && training.get(marked.id), at);
 
   const states = ids.map((id) => training.get(id)?.state);
   const failed = ids.map((id) => training.get(id)).find((one) => one?.state === 'failed');
@@ -146,7 +144,6 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         zoom={zoom}
         onZoom={setZoom}
         mark={at}
-        xEnd={first && spans.value?.[first.id]?.last[x]}
       />
     ));
   return (
@@ -210,7 +207,7 @@ function coloursOf(groups: readonly Group[], each: boolean): Map<string, string>
   return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, seriesColour(each ? n++ : g)] as const)));
 }
 
-function MetricChart({ metric, groups, options, references, zoom, onZoom, mark, xEnd }: {
+function MetricChart({ metric, groups, options, references, zoom, onZoom, mark }: {
   metric: Metric;
   groups: readonly GroupRows[];
   options: { x: XAxis; smoothing: number; display: Display; hidden: ReadonlySet<string> };
@@ -218,7 +215,6 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom, mark, 
   zoom: Range | null;
   onZoom: (range: Range | null) => void;
   mark: number | null;
-  xEnd: number | undefined;
 }): JSX.Element {
   const { x, smoothing, display, hidden } = options;
   const lines = useMemo(
@@ -241,8 +237,6 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom, mark, 
       sync="training"
       mark={mark}
       onMark={setCursor}
-      keepsMark={playback.value !== null}
-      xEnd={xEnd}
       height={PERFORMANCE.includes(metric) ? 260 : 200}
     />
   );

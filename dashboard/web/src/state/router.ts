@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-import { batch, signal } from '@preact/signals';
+import { signal } from '@preact/signals';
 import { useEffect } from 'preact/hooks';
 
-export const PAGES = ['overview', 'training', 'route', 'deployment', 'recognition', 'compare'] as const;
+export const PAGES = ['overview', 'training', 'route', 'deployment', 'compare'] as const;
 export type PageName = (typeof PAGES)[number];
 
 export interface Place {
@@ -24,17 +24,11 @@ export function hrefOf(page: PageName, params: Record<string, string> | URLSearc
 
 export const place = signal<Place>(placeOf(location.hash));
 
-/** Grows whenever the address comes from outside: at the start, by a link, by going back. */
-export const arrivals = signal(1);
-
 let writing: ReturnType<typeof setTimeout> | undefined;
 
 window.addEventListener('hashchange', () => {
   clearTimeout(writing);
-  batch(() => {
-    place.value = placeOf(location.hash);
-    arrivals.value += 1;
-  });
+  place.value = placeOf(location.hash);
 });
 
 // A slider changes more often than browsers allow the address to change.

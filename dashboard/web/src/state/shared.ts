@@ -4,10 +4,8 @@ import { getJson, unauthorised } from '../api/client';
 import { jsonPayload } from '../api/frame';
 import { live } from '../api/live';
 import type { About, Run, ServiceEvent, Services } from '../api/types';
-import { startCursor } from './cursor';
-import { startPlayback } from './playback';
 import { failure, valueOf, type Resource } from './resource';
-import { forgetTraining, heedRuns } from './training';
+import { heedRuns } from './training';
 
 // What every page needs: services, runs and events, live from the start.
 
@@ -20,8 +18,6 @@ export const about = signal<Resource<About>>({ state: 'loading' });
 export const services = signal<Resource<SeenServices>>({ state: 'loading' });
 export const runs = signal<Resource<Run[]>>({ state: 'loading' });
 export const events = signal<Resource<ServiceEvent[]>>({ state: 'loading' });
-/** Grows when an earlier position of a recording is shown. Whatever was made of messages before is then made anew. */
-export const beginnings = signal(0);
 /** The time, milliseconds since 1970, updated once a second. */
 export const now = signal(Date.now());
 
@@ -55,16 +51,7 @@ export function replaceRun(run: Run): void {
   runs.value = { state: 'ready', value: runs.value.value.map((one) => (one.id === run.id ? { ...one, ...run } : one)) };
 }
 
-function beginAgain(): void {
-  services.value = runs.value = events.value = { state: 'loading' };
-  forgetTraining();
-  reload();
-  beginnings.value += 1;
-}
-
 export function start(): void {
-  startPlayback(beginAgain);
-  startCursor();
   live.watch('services', (frame) => {
     services.value = { state: 'ready', value: seen(jsonPayload<Services>(frame)) };
   });

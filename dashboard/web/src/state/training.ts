@@ -147,11 +147,6 @@ export function heedRuns(runs: readonly Run[]): void {
   all.forEach((series) => series.catchUp());
 }
 
-/** Forgets all figures, as they are of another time. */
-export function forgetTraining(): void {
-  all.clear();
-}
-
 /** Returns the training figures of these runs, live while the component is mounted. */
 export function useTraining(ids: readonly string[]): Map<string, Training> {
   const key = ids.join('\n');

@@ -137,7 +137,6 @@ const ICONS = {
   training: 'M4 19V5M4 19h16M7 15c3 0 3-7 6-7s3 3 7-2',
   route: 'M6 19c5 0 1-7 6-7s2-7 6-7M6 19h.01M18 5h.01',
   deployment: 'M5 21V4h11l-2 4 2 4H5',
-  recognition: 'M4 8V4h4M16 4h4v4M20 16v4h-4M8 20H4v-4M9 12a3 3 0 1 0 6 0a3 3 0 1 0-6 0',
   compare: 'M8 4v16M16 4v16M4 8h4M16 8h4M4 14h4M16 14h4',
   alert: 'M12 4 2.5 20h19zM12 10v4M12 17h.01',
   sun: 'M12 8a4 4 0 1 0 0 8a4 4 0 1 0 0-8M12 2v2M12 20v2M2 12h2M20 12h2M5 5l1.4 1.4M17.6 17.6 19 19M5 19l1.4-1.4M17.6 6.4 19 5',
@@ -206,11 +205,11 @@ export function State({ state }: { state: string }): JSX.Element {
   return <span class={classes('hint state', `state-${state}`, toneOf(state))}>{state}</span>;
 }
 
-/** A sample of a line's colour and dashes. */
-export function Swatch({ colour, dashed }: { colour: string; dashed?: boolean | undefined }): JSX.Element {
+/** A sample of a line's colour. */
+export function Swatch({ colour }: { colour: string }): JSX.Element {
   return (
     <svg class="swatch" viewBox="0 0 18 8" aria-hidden="true">
-      <line x1="0" x2="18" y1="4" y2="4" style={{ stroke: `var(--${colour})`, strokeDasharray: dashed ? '4 3' : undefined }} />
+      <line x1="0" x2="18" y1="4" y2="4" style={{ stroke: `var(--${colour})` }} />
     </svg>
   );
 }

@@ -39,12 +39,6 @@ export interface ChartProps {
   /** A point of the x axis that is marked on all lines. `onMark` is called when the user chooses another one, or none (null). */
   mark?: number | null;
   onMark?: (x: number | null) => void;
-  /** There always is a mark: it cannot be removed. */
-  keepsMark?: boolean;
-  /** As far as the x axis reaches at least: points without values yet can be marked up to there. */
-  xEnd?: number | undefined;
-  xRange?: [number, number];
-  yRange?: [number, number];
   /** The greatest value that there can be: no line and no label of the y axis lies above it. */
   max?: number | undefined;
   empty?: string;
@@ -100,7 +94,7 @@ function Legend({ lines, format }: { lines: readonly Line[]; format: (value: num
         .filter((line) => !line.faint)
         .map((line) => (
           <li key={line.key} class="row">
-            <Swatch colour={line.colour} dashed={line.dashed} />
+            <Swatch colour={line.colour} />
             {line.label}
             <span class="number">{format(lastOf(line))}</span>
           </li>
@@ -131,7 +125,7 @@ function Plot(props: PlotProps): JSX.Element {
     props.sync,
     xLabel,
     props.yLabel,
-    lines.map((line) => [line.key, line.colour, line.faint, line.dashed, line.band !== undefined]),
+    lines.map((line) => [line.key, line.colour, line.faint, line.band !== undefined]),
   ]);
 
   useEffect(() => {
@@ -149,7 +143,7 @@ function Plot(props: PlotProps): JSX.Element {
       plot.current = new uPlot(optionsOf(current, width, height), current.current.data, room.current);
       plot.current.root.dataset.structure = structure;
     } else plot.current.setData(current.current.data, true);
-  }, [data, structure, size.width, visible, zoom?.from, zoom?.to, props.xEnd, references]);
+  }, [data, structure, size.width, visible, zoom?.from, zoom?.to, references]);
 
   useEffect(
     () => () => {
@@ -174,7 +168,7 @@ function Plot(props: PlotProps): JSX.Element {
     if (!u) return;
     const x = u.data[0];
     if (props.onMark && event.key === 'Enter' && u.cursor.idx != null) props.onMark(x[u.cursor.idx] ?? null);
-    if (props.onMark && !props.keepsMark && event.key === 'Escape') props.onMark(null);
+    if (props.onMark && event.key === 'Escape') props.onMark(null);
     if (!step) return;
     event.preventDefault();
     const from = u.cursor.idx ?? (mark !== null ? lowerBound(x as number[], mark) : step > 0 ? -1 : x.length);
@@ -189,7 +183,7 @@ function Plot(props: PlotProps): JSX.Element {
       role="img"
       tabIndex={0}
       style={{ minHeight: `${height}px` }}
-      aria-label={`${title} over ${xLabel}. ${summary.join('; ')}. Arrow keys move the cursor${props.onMark ? `, Enter marks its place${props.keepsMark ? '' : ', Escape removes the mark'}` : ''}.`}
+      aria-label={`${title} over ${xLabel}. ${summary.join('; ')}. Arrow keys move the cursor${props.onMark ? ', Enter marks its place, Escape removes the mark' : ''}.`}
       onKeyDown={move}
       onBlur={() => plot.current?.setCursor({ left: -10, top: -10 })}
     />
@@ -220,7 +214,6 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       width: line.faint ? 1 : 2,
       spanGaps: true,
       points: { show: (u) => u.data[0].length < 24 && !line.faint, size: 5, fill: stroke },
-      ...(line.dashed ? { dash: [6, 4] } : {}),
     });
   }
   return {
@@ -234,15 +227,13 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       x: {
         time: false,
         range: (_, low, high) => {
-          const { zoom, xRange, xEnd = high } = current.current as Current;
-          const end = Math.max(high, xEnd);
-          return zoom ? [zoom.from, zoom.to] : (xRange ?? (low === end ? [low - 1, end + 1] : [low, end]));
+          const { zoom } = current.current as Current;
+          return zoom ? [zoom.from, zoom.to] : low === high ? [low - 1, high + 1] : [low, high];
         },
       },
       y: {
         range: (_, low, high) => {
-          const { references, yRange, max = Infinity } = current.current as Current;
-          if (yRange) return yRange;
+          const { references, max = Infinity } = current.current as Current;
           const values = [low, high, ...references.map((reference) => reference.value)].filter(
             (value) => value !== null && Number.isFinite(value),
           );
@@ -336,11 +327,8 @@ function markClicks(u: uPlot, current: { current: Current | null }): void {
   u.over.addEventListener('mousedown', (event) => (from = event.clientX));
   u.over.addEventListener('click', (event) => {
     if (Math.abs(event.clientX - from) >= DRAG) return;
-    const { xEnd = -Infinity, onMark } = current.current ?? {};
-    const clicked = u.posToVal(u.cursor.left ?? 0, 'x');
-    const beyond = clicked > (u.data[0].at(-1) ?? Infinity) && clicked <= xEnd;
-    const x = beyond ? clicked : u.data[0][u.cursor.idx ?? -1];
-    if (x !== undefined) onMark?.(x);
+    const x = u.data[0][u.cursor.idx ?? -1];
+    if (x !== undefined) current.current?.onMark?.(x);
   });
 }
 

@@ -3,12 +3,11 @@ import type { JSX } from 'preact';
 import type { Run } from '../api/types';
 import { momentName, momentText } from '../maths/moment';
 import { curveAxis, cursorAt, cursorParams, setCursor, type Seen } from '../state/cursor';
-import { playback } from '../state/playback';
 import { hrefOf, place, type PageName } from '../state/router';
 
 const LINKS: Partial<Record<PageName, string>> = { training: 'Curves', route: 'Route', deployment: 'Replay' };
 
-/** Says at which moment of a run the page is, and leads to the same moment on other pages. Shows nothing without a cursor. In a recording there always is one: that is where it is. */
+/** Says at which moment of a run the page is, and leads to the same moment on other pages. Shows nothing without a cursor. */
 export function MomentBar({ run, seen, clear }: { run: Run; seen: Seen; clear: string }): JSX.Element | null {
   const at = cursorAt();
   if (at === null) return null;
@@ -24,11 +23,9 @@ export function MomentBar({ run, seen, clear }: { run: Run; seen: Seen; clear: s
             {text}
           </a>
         ))}
-        {playback.value === null && (
-          <button type="button" onClick={() => setCursor(null)}>
-            {clear}
-          </button>
-        )}
+        <button type="button" onClick={() => setCursor(null)}>
+          {clear}
+        </button>
       </nav>
     </div>
   );

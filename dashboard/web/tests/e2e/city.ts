@@ -45,7 +45,7 @@ function slowed(program: Program): () => void {
   };
 }
 
-/** Starts it all: a drawn city in summer and winter, its services, trainings with evaluations, and place recognition. */
+/** Starts it all: a drawn city in summer and winter, its services, trainings with evaluations. */
 export async function startCity(): Promise<{ city: City; stop: () => Promise<void> }> {
   const folder = mkdtempSync(join(tmpdir(), 'citylearn-page-'));
   const wire: Options = { session: 'city', domain: Number(process.env.CITYLEARN_DOMAIN ?? 109), middleware: 'cyclonedds', interface: 'lo' };
@@ -63,19 +63,17 @@ export async function startCity(): Promise<{ city: City; stop: () => Promise<voi
   };
   try {
     const browser = chromium.launchServer({ executablePath: executable(), args: ARGS });
-    const dashboard = await startDashboard({ ...wire, recognition: folder }, folder);
+    const dashboard = await startDashboard(wire, folder);
     programs.push(dashboard.program);
     const source = { dataset: 'synthetic', 'synthetic-frames': 200, frames: FRAMES };
     const env = { ...wire, ...source, agents: 4, recorders: 'dashboard' };
     start('env_service', 'env-summer', { ...env, id: 'env-summer', traversal: 'summer' });
     start('env_service', 'env-winter', { ...env, id: 'env-winter', traversal: 'winter', 'align-to': 'summer' });
     const encoder = start('encoder_service', 'encoder', { id: 'encoder', ...wire, reference: 'summer', encoder: 'patchnorm', store: join(folder, 'features') });
-    const vpr = Program.start('tools/vpr/citylearn_vpr', { ...source, reference: 'summer', query: 'winter', encoder: ['patchnorm', 'raw84'], output: join(folder, 'vpr') }, { folder, name: 'vpr' });
     const policy = { ...wire, train: 'summer', frames: FRAMES, wait: 60 };
     const evaluated = { ...policy, evaluate: 'summer,winter', tasks: 60, controls: 'all' };
     await start('policy_service', 'policy', { ...evaluated, seeds: '1..3', steps: 6000, 'evaluate-every': 5, output: join(folder, 'policy') }).ended();
     await start('policy_service', 'spare', { ...evaluated, id: 'spare', steps: 1000, 'ppo-gamma': 0.95, output: join(folder, 'spare') }).ended();
-    await vpr.ended();
     const live = start('policy_service', 'live', { ...policy, id: 'live', evaluate: 'summer', threads: 1, steps: 1_000_000_000, output: join(folder, 'live') });
     const there = ({ runs }: { runs: Run[] }): boolean => runs.filter(({ state }) => state === 'ended').length === 4 && runs.some(({ state, updates }) => state === 'running' && (updates ?? 0) > 3);
     await eventually(() => api<{ runs: Run[] }>(dashboard.url, 'runs'), there, DEADLINE);

@@ -60,7 +60,6 @@ const VIEWS: [page: string, hash: (mark: string) => string, places: string[]][] 
   ['training', (mark) => `training?runs=${encodeURIComponent(mark + run)}`, ['.picker-list b', '[role=img]', '.tooltip span', '.legend li']],
   ['route', () => 'route', ['h2', '.card-head .hint', 'option', '.map', '.picture figcaption', '.picture img']],
   ['deployment', (mark) => `deployment?run=${encodeURIComponent(mark + run)}&episode=${rowid}`, ['h2', 'option', '.player .map', '.card-head .hint', 'thead + tbody th', '#episodes td', '.legend li', '[role=img]']],
-  ['recognition', () => 'recognition', ['.card-head .hint', 'tbody th', 'td', 'option', '.matrix']],
   ['compare', () => 'compare', ['.tag', '.run-note', 'option', '.path', 'tbody th', 'tbody td', 'thead th', '.legend li', '[role=img]']],
 ];
 
@@ -135,18 +134,6 @@ describe('what else the page is given', () => {
     await page.locator('.failed', { hasText: mark }).waitFor();
     await page.locator('#episodes tbody tr').first().waitFor(); // the rest of the page is there
     expect([await strange(page), await hacked(page)]).toEqual([[], undefined]);
-  });
-
-  it('as a file of another form is reported, and the other results and pages go on', async () => {
-    const { page } = await stage.page('overview');
-    const result = { name: 'vpr-crafted', file: 'f', matrices: [], rows: [{ encoder: {}, query: 7, auc_interval: null }] };
-    await page.route('**/api/recognition', (route) => route.fulfill({ json: { results: [result, { name: 'vpr-good', file: 'g' }] } }));
-    await page.goto(`${stage.url}#/recognition`);
-    await page.locator('.failed', { hasText: 'This cannot be shown' }).waitFor();
-    await page.getByLabel('Result').selectOption('vpr-good');
-    await page.locator('.card', { hasText: 'No results yet' }).waitFor();
-    await page.goto(`${stage.url}#/overview`);
-    await page.waitForSelector('.run-card');
   });
 
   it.each([4_294_967_295, 500_000_000])('as a count of frames costs nothing: %i', async (frames) => {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import type { Evaluation } from '../../src/api/types';
-import { beyondText, evaluationUntil, momentAt, momentName, pointText } from '../../src/maths/moment';
+import { evaluationUntil, momentAt, momentName, pointText } from '../../src/maths/moment';
 import { noRows, type Rows } from '../../src/maths/rows';
 
 function rows(): Rows {
@@ -40,21 +40,6 @@ it('a point is short in the address', () => {
   expect(pointText('wall', 2)).toBe('2');
   expect(momentName('steps', 51_200)).toBe('51.2k steps');
   expect(momentName('wall', 12.34)).toBe('12.3 s');
-});
-
-describe('beyondText', () => {
-  const first = { update: 3, steps: 1536, episodes: 30, wall: 0.7504 };
-  const last = { update: 100, steps: 51_200, episodes: 900, wall: 25.0004 };
-  it('says where a recording ends and begins, on each axis', () => {
-    expect(beyondText('steps', 51_201, { first, last })).toBe('The recording of this run ends at 51,200 steps, before 51,201 steps: it shows its last update.');
-    expect(beyondText('update', 2, { first, last })).toBe('The recording of this run begins at 3 updates, after 2 updates: it shows its first update.');
-    expect(beyondText('wall', 60, { first, last })).toMatch(/ends at 25\.0 s, before 1 min/);
-  });
-  it('says nothing of what is recorded', () => {
-    for (const x of ['update', 'steps', 'episodes', 'wall'] as const)
-      for (const moment of [first, last]) expect(beyondText(x, Number(pointText(x, moment[x])), { first, last })).toBe('');
-    expect(beyondText('steps', 0, { first: { ...first, update: 1 }, last })).toBe(''); // nothing was before the first update
-  });
 });
 
 describe('evaluationUntil', () => {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { csv, fileName } from '../../src/maths/csv';
-import { bytes, clock, dateTime, duration, fixed, integer, metres, percent, plural, short, significant, timecode } from '../../src/maths/format';
+import { bytes, clock, dateTime, duration, fixed, integer, metres, percent, plural, short, significant } from '../../src/maths/format';
 
 describe('formatters', () => {
   it('unknown is a dash', () => {
-    for (const format of [integer, short, significant, duration, timecode, bytes, metres]) expect(format(null)).toBe('–');
+    for (const format of [integer, short, significant, duration, bytes, metres]) expect(format(null)).toBe('–');
     expect(fixed(NaN, 2)).toBe('–');
     expect(percent(undefined)).toBe('–');
     for (const format of [clock, dateTime]) expect(format(1e300)).toBe('–'); // no date
@@ -39,12 +39,6 @@ describe('formatters', () => {
     [3_599.9, '1 h 00 min'],
     [187_200, '2 d 4 h'],
   ])('duration(%d)', (value, text) => expect(duration(value)).toBe(text));
-  it.each([
-    [0, '0:00'],
-    [7.99, '0:07'],
-    [750, '12:30'],
-    [3909, '1:05:09'],
-  ])('timecode(%d)', (value, text) => expect(timecode(value)).toBe(text));
   it('rounds what lies between two decimals to the even one, as the services do in the terminal', () => {
     expect(percent(361 / 400)).toBe('90.2 %'); // 90.25
     expect(percent(363 / 400)).toBe('90.8 %'); // 90.75

@@ -53,7 +53,7 @@ class ApiTest : public ::testing::Test {
   Folder folder_;
   Store store_{{folder_ / "dashboard.sqlite", 0}};
   FakeLive live_;
-  Api::Options options_{"cyclonedds", "demo", 42, folder_ / "recognition", {}, 5};
+  Api::Options options_{"cyclonedds", "demo", 42, {}, 5};
   Api api_{options_, store_, &live_};
   const std::string id_ = run_id(run_info());
 

@@ -174,9 +174,9 @@ TEST_F(ApiRunTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
   store_.record(training_stats(1, 50));
   store_.record(episodes(1, 50));
   std::vector<std::string> words = split(
-      "runs,episodes,training,training.csv,evaluations,controls,services,events,map,frames,recognition,about,demo,1,0,-"
+      "runs,episodes,training,training.csv,evaluations,controls,services,events,map,frames,about,demo,1,0,-"
       "1,"
-      "%,..,../../etc/passwd,00000000000000ab,curve,matrix,nan,1e999,' OR 1=1 --,x'; DROP TABLE episodes; --",
+      "%,..,../../etc/passwd,00000000000000ab,nan,1e999,' OR 1=1 --,x'; DROP TABLE episodes; --",
       ',');
   words.insert(words.end(), {id_, "", "\xFF\xFE", std::string(5000, 'A'), std::string("a\0b", 3), "\"\\\n"});
   const std::vector<std::string> names = split(
@@ -226,46 +226,12 @@ TEST_F(ApiRunTest, ManyAskAtOnceWhileItIsWritten) {
   EXPECT_EQ(wrong, 0);
 }
 
-TEST_F(ApiTest, DeeplyNestedJsonIsRefusedByName) {
-  const std::size_t depth = 100'000;
-  const std::string deep = "{\"a\":" + std::string(depth, '[') + std::string(depth, ']') + "}";
-  make_file(folder_ / "recognition/vpr-1/results.json", deep);
-  const Json result = json({"recognition"})["results"].at(0);
-  EXPECT_TRUE(contains(result["error"].get<std::string>(), "vpr-1/results.json: nests more than 64 levels deep"));
+TEST_F(ApiTest, ADeeplyNestedManifestIsNone) {
   msg::RunInfo info = run_info();
   const std::string manifest = "{\"a\":" + std::string(20'000, '[') + std::string(20'000, ']') + "}";
   info.manifest(std::vector<std::uint8_t>(manifest.begin(), manifest.end()));
   store_.record(info);
   EXPECT_EQ(json({"runs", id_})["manifest"], nullptr);
-}
-
-TEST_F(ApiTest, Recognition) {
-  EXPECT_EQ(json({"recognition"})["results"], Json::array());
-  const std::string root = folder_ / "recognition";
-  std::filesystem::create_directories(root + "/something");
-  make_file(root + "/vpr-1/results.json", R"({"dataset":"nordland","rows":[{"auc":0.5}]})");
-  make_file(root + "/vpr-1/curves.json", R"({"curves":[]})");
-  make_file(root + "/vpr-1/similarity-b.png", "b");
-  make_file(root + "/vpr-1/similarity-a.png", "a");
-  make_file(root + "/vpr-2/results.json", "cut sho");
-  make_file(folder_ / "similarity-secret.png", "secret");
-  std::filesystem::create_symlink(folder_ / "similarity-secret.png", root + "/vpr-1/similarity-c.png");
-  const Json results = json({"recognition"})["results"];
-  ASSERT_EQ(results.size(), 2u);
-  const Json& whole = results[results[0]["name"] == "vpr-1" ? 0 : 1];
-  const Json& broken = results[results[0]["name"] == "vpr-1" ? 1 : 0];
-  EXPECT_EQ(whole["dataset"], "nordland");
-  EXPECT_EQ(whole["file"], root + "/vpr-1/results.json");
-  EXPECT_EQ(whole["matrices"], Json::parse(R"(["similarity-a.png","similarity-b.png"])"));
-  EXPECT_TRUE(contains(broken["error"].get<std::string>(), "vpr-2/results.json"));
-  EXPECT_EQ(json({"recognition", "vpr-1", "curve"})["curves"], Json::array());
-  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}).body, "a");
-  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}, {{"file", "similarity-b.png"}}).body, "b");
-  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}).type, "image/png");
-  expect_error(404, "'matrix'", {"recognition", "vpr-1", "matrix"}, {{"file", "../../similarity-secret.png"}});
-  expect_error(404, "'curve'", {"recognition", "..", "curve"});
-  expect_error(404, "run it again", {"recognition", "vpr-2", "curve"});
-  expect_error(404, "'rows'", {"recognition", "vpr-1", "rows"});
 }
 
 }  // namespace

@@ -55,23 +55,6 @@ class ClientHubTest : public ::testing::Test {
   std::shared_ptr<ClientHub::Client> client_ = hub_.join([this] { ++woken_; });
 };
 
-TEST_F(ClientHubTest, ForgetsWhatWaitsAndWhatNewcomersWouldGet) {
-  client_->watch({"services", "events", "training:1"});
-  hub_.publish("services", {}, bytes("old"), Merge::kReplace);
-  hub_.publish("events", {}, bytes("old"), Merge::kEach);
-  append(hub_, "0a0b");
-  hub_.forget();
-  EXPECT_FALSE(take(*client_));
-  const auto late = hub_.join([] {});
-  late->watch({"services"});
-  EXPECT_FALSE(take(*late));
-  hub_.publish("services", {}, bytes("new"), Merge::kReplace);
-  EXPECT_EQ(take(*client_)->payload, "new");
-  EXPECT_EQ(take(*late)->payload, "new");
-  append(hub_, "0c");
-  EXPECT_EQ(take(*client_)->payload, "0c");
-}
-
 TEST_F(ClientHubTest, NothingIsDoneForTopicsThatNobodyWatches) {
   hub_.publish("services", {}, bytes("1"), Merge::kReplace);
   EXPECT_EQ(hub_.counts().published, 0u);

@@ -10,7 +10,6 @@
 
 #include "core/util/error.h"
 #include "dashboard/store/database.h"
-#include "dashboard/store/schema.h"
 #include "dashboard/store/store_reader.h"
 #include "tests/support/files.h"
 #include "tests/support/records/records.h"
@@ -217,27 +216,6 @@ TEST_F(RouteStoreTest, TakesThePlacesOfARunsPartOfALongTraversal) {
   EXPECT_GE(all, 120u);
   EXPECT_LE(gaps.places.size(), 3u * 128);
   EXPECT_TRUE(routes_.gaps(traversal(kSummer, 0)).places.empty());
-}
-
-TEST_F(RouteStoreTest, AnOlderStoreGetsThemToo) {
-  std::vector<std::string> steps = schema_steps();
-  steps.resize(6);  // schema 6 had none of them
-  const std::string path = folder_ / "old.sqlite";
-  prepare_file(path, steps);
-  open_database(path, SQLite::OPEN_READWRITE)
-      .exec(
-          "INSERT INTO runs (id, name, session, run_id, started, last, ended) VALUES (1, 'demo/policy/1/5', 'demo', 5, "
-          "0, "
-          "0, 1); INSERT INTO sources (id, session, environment, incarnation, dataset, traversal, hash, frames, "
-          "images) "
-          "VALUES (1, 'demo', 'env', 7, 'plain', 'summer', 77, 40, 1); INSERT INTO run_sources VALUES (1, 1)");
-  Store store({path, 0});
-  RouteStore routes(store);
-  const auto gaps = routes.gaps(traversal(77, 40));
-  EXPECT_TRUE(gaps.map);
-  ASSERT_EQ(gaps.places.size(), 40u);
-  EXPECT_TRUE(routes.keep(77, gaps.places[0], picture(10)));
-  EXPECT_TRUE(StoreReader(path).picture(77, 0));
 }
 
 TEST_F(RouteStoreTest, KilledWhileItStoresItHasNothingHalf) {

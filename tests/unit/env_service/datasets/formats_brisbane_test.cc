@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Alderley, UQ St Lucia, St Lucia Multiple Times of Day, Multi-Lane Road, Gold Coast drive.
+// Alderley, UQ St Lucia, St Lucia Multiple Times of Day.
 #include <cmath>
 
 #include "env_service/dataset_io/folder_dataset.h"
@@ -241,55 +241,6 @@ TEST(StLuciaMultipleTimes, TellsWhatIsMissingOrBroken) {
   write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
   make_file(folder / "180809_1545/fGPS.txt", "27.5,153.0\n27.5;153.0\n27.5,153.0\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "fGPS.txt:2"));
-}
-
-TEST(MultilaneRoad, ReadsWhatIsBelowTheNamesOfTheRoads) {
-  const Folder folder;
-  for (int i = 1; i <= 3; ++i) write_picture(folder / numbered("data/highway/day_lane1/", i, 4, ".jpg"));
-  make_file(folder / "data/highway/day_lane1/gps.csv",
-            "latitude,longitude\n-28.0,153.4\n-28.001,153.4\n-28.002,153.4\n");
-  write_avi(folder / "suburban_night_lane2.avi", 3, 15);
-  write_avi(folder / "unrelated.avi", 3, 15);
-  const auto dataset = make_dataset("multilane_road", folder.path());
-  EXPECT_EQ(dataset->names(), (std::vector<std::string>{"data-highway-day_lane1", "suburban_night_lane2"}));
-  EXPECT_EQ(dataset->correspondence(), Correspondence::kGps);
-  const Traversal day = dataset->load("data-highway-day_lane1"), night = dataset->load("suburban_night_lane2");
-  EXPECT_EQ(day.condition, "day");
-  EXPECT_EQ(night.condition, "night");
-  EXPECT_NEAR(day.positions[2], 0.002 * kDegree, 0.05);
-  EXPECT_TRUE(std::isnan(night.positions[2]));
-  make_file(folder / "suburban_night_lane2_gps.txt", "-28.1 153.4\n-28.2 153.4\n-28.3 153.4\n");
-  EXPECT_NEAR(dataset->load("suburban_night_lane2").latitude[1], -28.2, 1e-9);
-  const std::uint64_t hash = day.hash();
-  make_file(folder / "data/highway/day_lane1/0002.jpg", "broken");
-  EXPECT_NE(dataset->load("data-highway-day_lane1").images->fault(1), "");
-  EXPECT_NE(dataset->load("data-highway-day_lane1").hash(), hash);
-  make_file(folder / "data/highway/day_lane1/gps.csv", "a,b\n1,2\n3,x\n");
-  EXPECT_TRUE(holds(error_of([&] { dataset->load("data-highway-day_lane1"); }), "gps.csv:3"));
-  const Folder other;
-  write_avi(other / "unrelated.avi", 3, 15);
-  EXPECT_TRUE(holds(error_of([&] { make_dataset("multilane_road", other.path())->names(); }), "highway"));
-}
-
-TEST(GoldCoastDrive, ReadsItsVideos) {
-  const Folder folder;
-  EXPECT_TRUE(holds(error_of([&] { make_dataset("gold_coast_drive", folder.path())->names(); }), "gold_coast"));
-  write_avi(folder / "gold_coast_compressed.mp4", 5, 30);
-  write_avi(folder / "holiday.mp4", 5, 30);
-  for (int i = 1; i <= 3; ++i) write_picture(folder / numbered("GoldCoast frames/", i, 6, ".png"));
-  const auto dataset = make_dataset("gold_coast_drive", folder.path());
-  EXPECT_EQ(dataset->names(), (std::vector<std::string>{"GoldCoast frames", "gold_coast_compressed"}));
-  const Traversal traversal = dataset->load("gold_coast_compressed");
-  EXPECT_EQ(traversal.frames, 5);
-  EXPECT_NEAR(traversal.times[3], 0.1, 1e-9);
-  EXPECT_TRUE(std::isnan(traversal.positions[0]));
-  EXPECT_NEAR(picture_of(traversal, 2).at<cv::Vec3b>(8, 8)[0], 40, 3);
-  EXPECT_EQ(dataset->load("GoldCoast frames").frames, 3);
-  fs::remove(folder / "GoldCoast frames/000002.png");
-  make_file(folder / "GoldCoast frames/000003.png", "");
-  EXPECT_NE(dataset->load("GoldCoast frames").images->fault(1), "");
-  make_file(folder / "gold_coast_compressed.mp4", "not a video");
-  EXPECT_TRUE(holds(error_of([&] { dataset->load("gold_coast_compressed"); }), "gold_coast_compressed.mp4"));
 }
 
 }  // namespace

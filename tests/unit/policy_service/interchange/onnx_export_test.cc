@@ -232,14 +232,6 @@ TEST(OnnxExportFile, TellsWhatItIs) {
   EXPECT_EQ(std::filesystem::file_size(folder / "one.onnx"), read_file(folder / "one.onnx").size());
 }
 
-TEST(OnnxExportFile, NoModelOfAnAgentThatKnowsAMap) {
-  NetworkTask task = some_task();
-  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
-  EXPECT_TRUE(
-      contains(error_of([&] { export_graph(some_agent("place_filter", task), parameters_for("place_filter", {})); }),
-               "crosses itself"));
-}
-
 TEST(OnnxExportFile, OneClearLineWhereThereIsNoExporterOrNoFormat) {
   const NetworkTask task = some_task();
   TrainedAgent agent = some_agent("baseline", task);

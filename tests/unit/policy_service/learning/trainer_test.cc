@@ -10,7 +10,6 @@
 #include <set>
 
 #include "core/files/files.h"
-#include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "policy_service/learning/optimization/adam.h"
 #include "policy_service/network/checkpoint.h"
@@ -217,45 +216,6 @@ TEST(Trainer, SaysWhyTensorsCannotBeFrozen) {
   expect_refusal(options, city, "nothing is left to learn");
 }
 
-TEST(Trainer, KeepsItsMapInCheckpoints) {
-  const Traversal map = crossed(small_city());
-  Loop loop(map, small_options("place_filter"));
-  loop.update();
-  const std::string path = std::filesystem::path(::testing::TempDir()) / "map.clk";
-  const Checkpoint checkpoint = loop.trainer.checkpoint();
-  write_checkpoint(path, checkpoint);
-  const TrainedAgent agent = trained_agent(read_checkpoint(path));
-  EXPECT_EQ(agent.task.turns, map.turns);
-  EXPECT_EQ(agent.parameters, loop.trainer.agent().parameters);
-  Loop again(map, small_options("place_filter"));
-  again.trainer.load(read_checkpoint(path));
-  loop.update();
-  again.update();
-  EXPECT_EQ(again.trainer.agent().parameters, loop.trainer.agent().parameters);
-
-  Loop on_a_line(small_city(), small_options("features")), on_the_map(map, small_options("features"));
-  EXPECT_FALSE(on_a_line.trainer.checkpoint().header.contains("turns"));
-  EXPECT_THROW(on_a_line.trainer.load(on_the_map.trainer.checkpoint()), Error);
-  EXPECT_THROW(on_the_map.trainer.load(on_a_line.trainer.checkpoint()), Error);
-}
-
-TEST(Trainer, RefusesWhatCannotLearnAMap) {
-  const Traversal map = crossed(small_city());
-  TrainerOptions options = small_options("place_filter");
-  options.curriculum = true;
-  EXPECT_THROW(Trainer(options, task_of(map)), Error);
-  options = small_options("place_filter");
-  options.learner = "relabel";
-  options.learner_parameters.clear();
-  EXPECT_NO_THROW(Trainer(options, task_of(small_city())));
-  EXPECT_THROW(Trainer(options, task_of(map)), Error);
-  for (const std::string agent : {"place_filter", "features"}) {
-    NetworkTask bad = task_of(map);
-    bad.turns.back() = 0;
-    EXPECT_THROW(Trainer(small_options(agent), bad), Error) << agent;
-  }
-}
-
 TEST(Trainer, SaysWhatIsWrong) {
   const Traversal city = small_city();
   TrainerOptions options = small_options("baseline");
@@ -382,32 +342,6 @@ TEST_P(EachNetwork, LearnsTheSmallCity) {
   EXPECT_GT(spl(loop.trainer.agent(), city, true), 0.95);
   EXPECT_EQ(spl(loop.trainer.agent(), city, false), spl(loop.trainer.agent(), city, false));
   ASSERT_TRUE(loop.trainer.progress().episodes_to_spl95 || GetParam() != "baseline");
-}
-
-/// Best SPL of who never turns, over all starts and goals.
-double spl_without_turning(const Traversal& city) {
-  double sum = 0;
-  std::vector<int> distances;
-  for (int goal = 0; goal < city.frames; ++goal) {
-    distances_to(goal, city.frames, city.turns, distances);
-    for (int start = 0; start < city.frames; ++start)
-      if (start != goal)
-        sum += static_cast<double>(distances[static_cast<std::size_t>(start)]) / std::abs(goal - start);
-  }
-  return sum / (city.frames * (city.frames - 1));
-}
-
-TEST(PlaceFilter, LearnsToTurnAtCrossings) {
-  const Traversal city = crossed(small_city());
-  ASSERT_LT(spl_without_turning(city), 0.85);
-  TrainerOptions options = small_options("place_filter");
-  options.learner_parameters = {{"learning-rate", 3e-3}, {"minibatch", 8}, {"gamma", 0.95}};
-  options.trainer_parameters = {{"segment", 32},      {"sequence", 16},     {"steps", 80000},
-                                {"noise-frame", 0.3}, {"noise-place", 0.3}, {"noise-episode", 0.3}};
-  Loop loop(city, options, 1, 16);
-  while (!loop.trainer.done()) loop.update();
-  EXPECT_GT(spl(loop.trainer.agent(), city, false), 0.95);
-  EXPECT_GT(spl(loop.trainer.agent(), city, true), 0.95);
 }
 
 TEST(PlaceFilter, LearnsHowOftenActionsSlip) {

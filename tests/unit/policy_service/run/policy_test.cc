@@ -8,7 +8,7 @@
 #include <fstream>
 
 #include "core/files/files.h"
-#include "core/task/route_map.h"
+#include "core/task/moves.h"
 #include "core/util/error.h"
 #include "core/util/random.h"
 #include "policy_service/distributed/heartbeat_thread.h"
@@ -343,8 +343,7 @@ msg::Observation observation(int position, int goal, std::uint8_t flags, int fra
   return o;
 }
 
-int walk(Policy& policy, int first, int frames, int position, int goal, const Matrix<float>& features,
-         const std::vector<int>& turns = {}) {
+int walk(Policy& policy, int first, int frames, int position, int goal, const Matrix<float>& features) {
   std::vector<std::uint8_t> choice;
   std::uint8_t flags = msg::FLAG_FIRST, previous = kNoAction;
   for (int step = 0; step < 4 * frames; ++step) {
@@ -356,7 +355,7 @@ int walk(Policy& policy, int first, int frames, int position, int goal, const Ma
     policy.act(o, choice);
     EXPECT_TRUE(o.allowed()[0] >> choice.at(0) & 1);
     previous = choice[0];
-    position = place_after(position, previous, turns);
+    position = place_after(position, previous);
     flags = 0;
   }
   return -1;
@@ -437,44 +436,6 @@ TEST(Controls, SequenceFilterRemembersEachExperience) {
   for (int goal : {0, 11, 23})
     for (int start : {2, 12, 20})
       EXPECT_EQ(walk(*policy, 0, frames, start, goal, winter), std::abs(goal - start)) << start << " -> " << goal;
-}
-
-TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
-  const Folder folder;
-  NetworkTask task = some_task();
-  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
-  write_checkpoint(folder / "map.clk", some_checkpoint("place_filter", task));
-  PolicyServiceOptions options;
-  options.node.session = "map-" + std::to_string(getpid());
-  options.node.id = "policy";
-  options.node.middleware.name = "inprocess";
-  options.mode = "evaluate";
-  options.checkpoint = folder / "map.clk";
-  EXPECT_TRUE(contains(error_of([&] { run_policy_service(options); }), "crosses itself"));
-}
-
-TEST(Controls, TakeTheShortestWayOnAMap) {
-  const int frames = 24, dimension = 8, first = 5;
-  ControlTask task = some_control_task(first, frames, dimension);
-  for (int i = 0; i < frames; ++i) task.turns.push_back(i);
-  std::swap(task.turns[3], task.turns[14]);
-  task.turns[8] = 17;  // three roads: 8 -> 17 -> 21 -> 8
-  task.turns[17] = 21;
-  task.turns[21] = 8;
-  std::vector<int> distances;
-  for (const std::string name : {"shortest_path", "sequence_filter"}) {
-    const auto& entry = ControlRegistry::instance().find("control", name);
-    const auto policy = entry.create(Parameters(entry.name, entry.parameters, {}), task);
-    for (int goal = 0; goal < frames; ++goal) {
-      distances_to(goal, frames, task.turns, distances);
-      for (int start = 0; start < frames; ++start)
-        EXPECT_EQ(walk(*policy, first, frames, start, goal, task.reference, task.turns), distances[start])
-            << name << ": " << start << " -> " << goal;
-    }
-    ControlTask bad = task;
-    bad.turns[0] = 1;
-    EXPECT_THROW(entry.create(Parameters(entry.name, entry.parameters, {}), bad), Error);
-  }
 }
 
 TEST(Controls, BlindTurnsRoundAtTheEnd) {

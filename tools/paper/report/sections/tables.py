@@ -42,7 +42,7 @@ def feature_rows(study: Study) -> list[list[str]]:
         ["several conditions of one route", f"yes (here {len(data['traversals'])})", "yes", "no"],
         ["place recognition as the agent's eye", f"yes ({', '.join(data['encoders'])})", "yes (NetVLAD, ResNet)", "no"],
         ["actions", "stay, next, previous", "stay, next, previous", "forward, turn left or right"],
-        ["junctions", "yes, in one process (part 'map' of this report)", "no (its future work)", "yes (street graph)"],
+        ["junctions", "no", "no (its future work)", "yes (street graph)"],
         ["environments and learner on many machines", "yes (DDS)", "", "yes (actors of IMPALA)"],
         ["controls that never look, or never learn", "yes", "", ""],
         ["smallest step, m (mean)", step, "", "(about 10)"]]

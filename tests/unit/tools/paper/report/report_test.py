@@ -46,18 +46,16 @@ class TheReport(TemporaryFolder):
         for remark in ("1 of 2 seeds did not reach SPL 0.95", "Worse than the paper: features",
                        "Lower SPL than blind, which never", "did not reach the goal on", "lost on the second route",
                        "no better than a policy that never looks", "1 of 3 trainings failed",
-                       "less than the sequence filter", "two experiences are worse than one on mixed",
+                       "two experiences are worse than one on mixed",
                        "place_filter, slip 10 %, summer: SPL 0.900, less than sequence_filter 0.950",
                        "place_filter, perfect: 1 of 2 trainings failed", "Not tried: 2048 features. hog has 600",
                        "64 features do better than 511: SPL 0.900 and 0.800. Best: 64 with 0.900",
-                       "64 features do about as well as 511: SPL 0.950 and 0.950",
-                       "the one for which junctions save most"):
+                       "64 features do about as well as 511: SPL 0.950 and 0.950"):
             self.assertIn(remark, html)
         files = json.loads((self.folder / "manifest.json").read_text())["files"]
         self.assertEqual(html.count('src="data:image/svg+xml'), len([name for name in files if name.endswith(".svg")]))
         self.assertEqual(html.count('src="data:image/png'), 2)
         self.assertIn("results.json", files)
-        self.assertIn("with junctions: 3 steps", (self.folder / "map.svg").read_text())
 
         sample().write(self.folder)
         self.assertEqual(self.run_report(), (0, ""))
@@ -68,8 +66,6 @@ class TheReport(TemporaryFolder):
         study.outcomes = [None] * len(study.outcomes)
         study.write(self.folder)
         self.assertEqual(self.run_report(), (0, ""))
-        self.assertEqual((self.folder / "map.csv").read_text().count("\n"), 1)
-        self.assertIn("its 1 junction", (self.folder / "map.svg").read_text())
 
     def test_bad_input_is_one_line(self) -> None:
         def damaged(name: str, change) -> str:

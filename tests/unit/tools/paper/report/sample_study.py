@@ -43,7 +43,7 @@ class Study:
         return {"policy": label.split()[0], "label": label, "variant": "", "learner": "ppo",
                 "learns": label.split(",")[0] not in ("blind", "shortest_path", "sequence_filter"),
                 "representation": "hog-64", "features": 64, "frames": 128, "steps": 5, "seeds": [1], "experiences": [],
-                "imperfections": {"slip": 0, "dropped_frames": 0, "kidnappings": 0}, "junctions": False,
+                "imperfections": {"slip": 0, "dropped_frames": 0, "kidnappings": 0},
                 "units": units, **data}
 
     def agents(self) -> list[dict]:
@@ -136,16 +136,4 @@ def sample() -> Study:
                     for features, spl in ((64, 0.9), (511, 0.8))),
                   substitute=True, encoder="hog", encoder_dimension=600, learned_from=512, missing=[2048])
 
-    def on_map(policy: str) -> dict:
-        estimate = {"mean": 0.4 if policy == "place_filter" else 0.5, "low": 0.3, "high": 0.6, "n": 100}
-        rows = [{"traversal": name, **dict.fromkeys(("completed", "spl", "steps", "shortest"), estimate)}
-                for name in TRAVERSALS]
-        return {**training(1), "trials": rows, "walk": {"start": 0, "goal": 3, "places": [0, 1, 2, 3]}}
-
-    study.section("map",
-                  *([study.policy(policy, [study.unit(on_map(policy))], junctions=junctions)
-                     for policy in ("place_filter", "sequence_filter", "blind")] for junctions in (True, False)),
-                  drawn=True, traversals=TRAVERSALS,
-                  layout={"first": 0, "frames": 4, "east": [0, 10, 10, None], "north": [0, 0, 10, None],
-                          "junctions": [[0, 2]]})
     return study
