@@ -356,20 +356,6 @@ TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
   EXPECT_TRUE(eventually(turn, [&] { return seen.size() == 2; }));
 }
 
-TEST_P(AnyMiddleware, NodesRejectWhatIsNoMessage) {
-  Node reader(node("reader", "reject"));
-  reader.create_reader<msg::RunInfo>();
-  const auto publisher = a->create_publisher(topic_of<msg::RunInfo>());
-  msg::RunInfo info;
-  const auto turn = [&] {
-    publisher->publish(payload(1, 1));
-    a->wait(Clock::now());
-    reader.wait(Clock::now() + milliseconds(20));
-    while (reader.take(info)) continue;
-  };
-  EXPECT_TRUE(eventually(turn, [&] { return reader.traffic.rejected > 0; }));
-}
-
 TEST_P(AnyMiddleware, NodesSendHeartbeatsAndChangesOfState) {
   Node sender(node("sender", "heartbeat")), watcher(node("watcher", "heartbeat"));
   watcher.create_reader<msg::ServiceStatus>();

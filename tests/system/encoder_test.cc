@@ -125,40 +125,5 @@ TEST(EncodingInParts, TwoWithACommonStoreShareTheWorkAndOneTakesOver) {
 
 TEST_P(Encoding, TwoWithoutAStoreShareTheWorkAndOneTakesOver) { expect_two_to_share_the_work(GetParam(), false); }
 
-TEST(EncodingInParts, OneOfThreeIsKilledAndItsUnfinishedBlocksAloneAreEncodedAgain) {
-  Trial run("cyclonedds");
-  EncodingWatch watch(run.middleware());
-  std::vector<std::unique_ptr<Service>> encoders;
-  for (const char* id : {"one", "two", "three"}) encoders.push_back(run.encoder({"--id", id, "--store", "none"}));
-  for (const auto& encoder : encoders)
-    ASSERT_TRUE(poll_until([&] { return occurrences(encoder->output(), "takes part") == 2; }, kEncodingWait));
-  const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:1000"});
-  ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= 100; }, kLongWait));
-  ASSERT_EQ(encoders[0]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
-  int encoded = watch.encoded("one");
-  EXPECT_LT(encoded, 900) << "it had finished before";
-  for (std::size_t i = 1; i < encoders.size(); ++i) {
-    ASSERT_TRUE(encoders[i]->says("summer: ready", kLongWait)) << encoders[i]->output();
-    const int own = number_before(encoders[i]->output(), " of them now");
-    EXPECT_EQ(own + number_before(encoders[i]->output(), " by others"), 1000) << encoders[i]->output();
-    encoded += own;
-  }
-  EXPECT_LE(encoded, 1000 + 2 * 64);
-}
-
-TEST(EncodingInParts, KilledInTheMiddleItLosesNothing) {
-  Trial run("cyclonedds");
-  const auto summer = run.env("summer", {"--dataset", "synthetic", "--synthetic-frames", "4000"});
-  auto encoder = run.encoder({"--encoder", "vlad"});
-  ASSERT_TRUE(encoder->says("frames encoded, ", kLongWait)) << encoder->output();  // its progress, with the time left
-  ASSERT_EQ(encoder->end(SIGKILL, seconds(5)), 128 + SIGKILL);
-  const int seen = number_before(encoder->output(), " of 4000 frames encoded, ");
-  ASSERT_GT(seen, 0) << encoder->output();
-  encoder = run.encoder({"--encoder", "vlad"});
-  ASSERT_TRUE(encoder->says("were encoded before", kEncodingWait)) << encoder->output();
-  EXPECT_GE(number_before(encoder->output(), " of 4000 frames were encoded before"), seen) << encoder->output();
-  EXPECT_EQ(encoder->end(SIGINT, seconds(5)), 0) << encoder->output();
-}
-
 }  // namespace
 }  // namespace citylearn::testing

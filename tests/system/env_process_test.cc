@@ -2,9 +2,6 @@
 // The program env_service: command line, exit status, one line for a person, signals.
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <fstream>
-
 #include "tests/paths.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/scripted_policy.h"
@@ -158,33 +155,6 @@ TEST_P(EnvSignals, TerminateWaitsShortlyForAcknowledgements) {
   ASSERT_TRUE(driver_->until(ended, seconds(2))) << service_->output();
   EXPECT_EQ(service_->wait(seconds(0)), 0) << service_->output();
   EXPECT_TRUE(contains(service_->output(), "30 episodes, all acknowledged"));
-}
-
-TEST_P(EnvSignals, KilledOneIsReplacedByAnother) {
-  const auto driver = policy();
-  auto service = start(wire(), "first.log");
-  driver->command(settings(msg::TRAIN, 32, 64));
-  ASSERT_TRUE(driver->until([&] { return driver->steps() > 50; }));
-  const std::uint64_t first = driver->info.header().incarnation();
-  EXPECT_EQ(service->end(SIGKILL, seconds(2)), 128 + SIGKILL);
-  service = start(wire(), "second.log");
-  ASSERT_TRUE(driver->until([&] { return driver->info.header().incarnation() > first; })) << service->output();
-  // It may have found the old settings, which the middleware keeps for late joiners; new ones replace them.
-  driver->command(settings(msg::TRAIN, 32, 64));
-  EXPECT_TRUE(driver->until([&] { return driver->steps() > 50; })) << service->output();
-}
-
-TEST_P(EnvSignals, OfTwoWithOneIdTheLaterGivesWay) {
-  const auto first = start(wire(), "first.log");
-  const auto driver = policy();
-  driver->command(settings(msg::TRAIN, 32, 64));
-  ASSERT_TRUE(driver->until([&] { return driver->steps() > 10; }));
-  const auto second = start(wire(), "second.log");
-  EXPECT_EQ(second->wait(seconds(10)), 1);
-  EXPECT_TRUE(contains(second->output(), "env_service: id 'env-summer': already runs in session '" + run_ + "'"));
-  const std::uint64_t steps = driver->steps();
-  EXPECT_TRUE(driver->until([&] { return driver->steps() > steps + 10; })) << "the first goes on";
-  EXPECT_FALSE(first->wait(milliseconds(0)).has_value());
 }
 
 INSTANTIATE_TEST_SUITE_P(Vendors, EnvSignals, ::testing::Values("cyclonedds", "fastdds"),

@@ -138,22 +138,6 @@ TEST_P(EnvProtocol, RestartedPolicyTakesOverMidEpisode) {
   policy_->send_acknowledgement(policy_->episodes.rbegin()->first);
 }
 
-TEST_P(EnvProtocol, AnotherPolicyWaitsUntilTheFirstIsGone) {
-  ASSERT_TRUE(trains(32, 20));
-  ScriptedPolicy other(Host::middleware(GetParam(), 7), run_, "env-summer");
-  other.walker = &blind_;
-  other.command(settings(msg::TRAIN, 16, 64));
-  const auto both = [&](const std::function<bool()>& condition) {
-    return eventually([&] { policy_->spin(), other.spin(); }, condition, kMaxWait);
-  };
-  const Clock::time_point end = Clock::now() + kHandover + seconds(1);
-  ASSERT_TRUE(both([&] { return Clock::now() > end; }));
-  EXPECT_FALSE(other.in_force()) << "the first is in charge";
-  const std::uint64_t steps = policy_->steps();
-  ASSERT_TRUE(both([&] { return policy_->steps() > steps + 20; })) << "and goes on";
-  ASSERT_TRUE(other.until([&] { return other.in_force() && other.steps() > 20; })) << "the first is silent now";
-}
-
 // A policy_service that was restarted after its host's clock had been set back.
 TEST_P(EnvProtocol, APolicyWhoseClockWasSetBackTakesOver) {
   ASSERT_TRUE(trains(32, 20));

@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an env_service tells every reader: what it hosts, where its frames were recorded, its scenes, and its
-// episodes.
+// What an env_service tells every reader: what it hosts, its scenes, and its episodes.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cstring>
-#include <span>
-#include <vector>
 
 #include "core/wire/transfer.h"
 #include "tests/support/env/env_protocol.h"
-#include "tests/support/env/route_map.h"
 #include "tests/support/records/recorder.h"
 
 namespace citylearn::testing {
@@ -147,26 +143,6 @@ TEST_P(EnvWatchers, ScenesAreForWhoeverWatches) {
     return scene.task_mode() == msg::IDLE;
   })) << "nobody is anywhere";
   EXPECT_TRUE(scene.frame().empty());
-}
-
-TEST_P(EnvWatchers, TellsWhereItsFramesWereRecorded) {
-  ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
-  const Traversal traversal = summer();
-  const auto map = fetched_map(*policy_, "env-summer", traversal.hash());
-  ASSERT_TRUE(map);
-  EXPECT_EQ(map->position(), traversal.positions);
-  EXPECT_EQ(map->latitude(), traversal.latitude);
-  EXPECT_EQ(map->longitude(), traversal.longitude);
-  const std::uint64_t before = policy_->status.rejected();
-  msg::RouteMapRequest request;
-  request.server() = "env-summer";
-  request.hash() = traversal.hash();
-  request.items() = {0};
-  request.chunks() = {200};
-  ASSERT_TRUE(policy_->until([&] {
-    policy_->node.publish(request);
-    return policy_->status.rejected() > before;
-  })) << "beyond the last chunk";
 }
 
 INSTANTIATE_TEST_SUITE_P(Wires, EnvWatchers, ::testing::ValuesIn(kWires), wire_name);

@@ -6,10 +6,13 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <optional>
+
+#include "core/exchange/object_fetch.h"
+#include "core/exchange/timing.h"
 #include "core/util/random.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
-#include "tests/support/env/route_map.h"
 #include "tests/support/options.h"
 #include "tests/support/records/samples.h"
 #include "tests/support/text.h"
@@ -248,22 +251,22 @@ TEST_F(EnvClientTest, MapsTellWhereEachFrameWasRecorded) {
   const Host host(traversal, 1, run_);
   Player player(run_);
   ASSERT_TRUE(player.env("env-road"));
-  const auto map = fetched_map(player, "env-road", traversal.hash());
-  ASSERT_TRUE(map);
-  EXPECT_EQ(map->position(), traversal.positions);
-  EXPECT_EQ(map->latitude(), traversal.latitude);
-  EXPECT_EQ(map->longitude(), traversal.longitude);
-}
-
-TEST_F(EnvClientTest, WholeObservationsThatCannotBeAreRefused) {
-  const Traversal traversal = wide_traversal("wide", 3, 100000);
-  const Host host(traversal, 3, run_);
-  Player player(run_, {.observing = Observing::kWhole});
-  EnvHandle* env = player.env("env-wide");
-  ASSERT_TRUE(env);
-  EXPECT_TRUE(contains(env->refusal, "the features of 3 agents x 100000 do not fit one observation"));
-  player.client.command(*env, route(0, 3));
-  EXPECT_EQ(env->settings.settings().version(), 0u);
+  player.node.create_reader<msg::RouteMapChunk>();
+  ObjectFetch fetch({.hash = traversal.hash(), .retry = kDashboardRetry});
+  fetch.want(0);
+  msg::RouteMapRequest request;
+  request.server() = "env-road";
+  msg::RouteMapChunk chunk;
+  std::optional<FetchedObject> object;
+  ASSERT_TRUE(player.until([&] {
+    if (fetch.ask(Clock::now(), request)) player.node.publish(request);
+    while (player.node.take(chunk)) fetch.take(chunk, Clock::now());
+    return (object = fetch.next()).has_value();
+  }));
+  const auto map = decode_object<msg::RouteMap>(object->bytes);
+  EXPECT_EQ(map.position(), traversal.positions);
+  EXPECT_EQ(map.latitude(), traversal.latitude);
+  EXPECT_EQ(map.longitude(), traversal.longitude);
 }
 
 TEST_F(EnvClientTest, AnErrorAboutOneEnvServiceConcernsItAlone) {

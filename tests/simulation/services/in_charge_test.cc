@@ -102,17 +102,6 @@ TEST_F(InCharge, ARefusedOneHearsWhoseSettingsAreInForceAsLongAsItAsks) {
   EXPECT_LE(one_.infos - before, 6);
 }
 
-TEST_F(InCharge, OneThatWasIdleAndWorksAgainKeepsIt) {
-  train(one_, 32);
-  ASSERT_TRUE(steps(one_)) << env_->output();
-  one_.command(msg::TaskSettings());  // idle
-  ASSERT_TRUE(one_.until([&] { return one_.in_force(); }, kShortWait)) << env_->output();
-  train(one_, 16);
-  ASSERT_TRUE(steps(one_)) << env_->output();
-  train(two_, 16);
-  EXPECT_FALSE(both([&] { return two_.in_force(); }, seconds(8))) << env_->output();
-}
-
 TEST_F(InCharge, OneThatThinksIsNotCalledSilent) {
   train(one_, 32);
   for (int step = 0; step < 4; ++step) {

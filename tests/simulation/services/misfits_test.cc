@@ -174,14 +174,6 @@ TEST_F(Misfits, LearnerAndActorsRefuseOtherContentsToo) {
   EXPECT_FALSE(contains(actor->output(), "serving env_service 'another'")) << actor->output();
 }
 
-TEST_F(Misfits, AnEvaluationRefusesTheSecondOfTwoContents) {
-  const auto summer = env("summer", "summer", 160);
-  const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "1000000"});
-  ASSERT_TRUE(run->says("'summer' joins", kLongWait)) << run->output();
-  const auto another = env("another", "summer", 160, {"--synthetic-seed", "2"});
-  expect_alarm("policy", "another", "has other contents");
-}
-
 /// A learner of other features than the env_services have, as with two encoder_services.
 TEST_F(Misfits, AnActorServesNoEnvServiceThatItsLearnerDoesNotKnow) {
   const auto summer = env("summer", "summer", 160);

@@ -2,7 +2,6 @@
 // Trainings and evaluations whose services are killed, resumed and replaced.
 #include <gtest/gtest.h>
 
-#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
@@ -215,19 +214,6 @@ TEST(Stopping, ASignalSavesTheLastUpdate) {
   ASSERT_TRUE(poll_until([&] { return csv_rows(metrics).size() > std::stoul(last) + 3; }, kLongWait))
       << resumed->output();
   EXPECT_EQ(resumed->end(SIGINT, seconds(2)), 130);
-}
-
-TEST(Stopping, AtAnSplThatIsGoodEnoughWithItsCheckpointAsTheBest) {
-  Trial run("simulated");
-  const auto summer = run.env("summer");
-  const auto trained = run.train(100000, "out", {"--stop-when", "0.9"});
-  ASSERT_EQ(trained->wait(kLongWait), 0) << trained->output();
-  const auto last = csv_rows(run.folder() / "out/metrics.csv").back();
-  EXPECT_GE(std::stoul(last.at(2)), 100u) << "episodes";
-  EXPECT_EQ(contents(run.folder() / "out/checkpoints/best.clk"), run.checkpoint("out").second);
-  const auto resumed = run.train(100000, "out", {"--stop-when", "0.9", "--resume"});
-  ASSERT_EQ(resumed->wait(kLongWait), 0) << resumed->output();
-  EXPECT_EQ(csv_rows(run.folder() / "out/metrics.csv").back(), last) << "it had ended";
 }
 
 /// Four env_services divide the tasks; what comes out is what one alone does, also when one of the four is killed.

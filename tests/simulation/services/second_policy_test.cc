@@ -57,6 +57,7 @@ TEST_F(SecondPolicy, ASecondEnvServiceOfOneIdDisturbsNobody) {
     return twin->wait(milliseconds(1)).has_value();
   };
   ASSERT_TRUE(witness_.until(ended, seconds(20))) << twin->output();
+  EXPECT_EQ(twin->wait(milliseconds(0)), 1);
   EXPECT_TRUE(contains(twin->output(), "id 'env-summer': already runs in session 'default'")) << twin->output();
   EXPECT_LT(longest, milliseconds(500)) << policy_->output();
   EXPECT_TRUE(trains()) << policy_->output();

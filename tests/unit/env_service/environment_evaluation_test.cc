@@ -6,7 +6,6 @@
 #include <numeric>
 #include <set>
 
-#include "core/util/random.h"
 #include "env_service/environment.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/localisers.h"
@@ -33,19 +32,6 @@ TEST(EnvironmentEvaluate, SameTasksWhoeverActsAndHoweverManyAgents) {
     EXPECT_EQ(together.at(task).reward, episode.reward);
     EXPECT_EQ(quick.at(task).steps, episode.shortest);
     EXPECT_EQ(quick.at(task).reward, 1.0f);
-  }
-}
-
-TEST(EnvironmentEvaluate, SameTasksOnAnyTraversal) {
-  const Traversal summer = small_traversal(128);
-  Traversal fall = small_traversal(128);
-  fall.features[0] = 42;
-  BlindSweep blind(128);
-  Environment a(summer, 4), b(fall, 4);
-  const auto one = evaluate(a, evaluation(20), blind), other = evaluate(b, evaluation(20), blind);
-  for (const auto& [task, episode] : one) {
-    EXPECT_EQ(other.at(task).start, episode.start);
-    EXPECT_EQ(other.at(task).goal, episode.goal);
   }
 }
 
@@ -137,31 +123,6 @@ TEST(EnvironmentShuffle, ShowsAnotherOrderInEachEpisodeAndTheSameInOneTask) {
   for (const auto& [position, frame] : one.at(0)) frames.insert(frame);
   EXPECT_EQ(frames.size(), one.at(0).size()) << "each frame at one place";
   EXPECT_NE(one.at(0), one.at(1));
-}
-
-TEST(EnvironmentDeterminism, SameSeedEqualOtherSeedDifferent) {
-  const Traversal traversal = small_traversal(64);
-  const auto trace = [&](std::uint64_t seed) {
-    Environment environment(traversal, 4);
-    environment.reset(settings(msg::TRAIN, 64, 256, seed));
-    std::vector<std::uint32_t> all;
-    msg::Observation seen;
-    std::vector<std::uint8_t> choice(4);
-    Random random(9);
-    for (int tick = 0; tick < 2000; ++tick) {
-      environment.observe(seen);
-      for (int agent = 0; agent < 4; ++agent) {
-        all.push_back(seen.position()[agent]);
-        all.push_back(seen.goal()[agent]);
-        do choice[agent] = static_cast<std::uint8_t>(random.below(3));
-        while (!(seen.allowed()[agent] >> choice[agent] & 1));
-      }
-      environment.step(choice);
-    }
-    return all;
-  };
-  EXPECT_EQ(trace(5), trace(5));
-  EXPECT_NE(trace(5), trace(6));
 }
 
 TEST(EnvironmentDeterminism, ResetForgetsEverything) {

@@ -62,34 +62,6 @@ TEST(EnvironmentWait, AnAgentWaitsAtTheStartOfItsEpisodeAlone) {
   }
 }
 
-TEST(EnvironmentShuffle, AnEpisodeShowsOneFrameAtAPlaceUpToItsEnd) {
-  const Traversal traversal = small_traversal(8);
-  msg::TaskSettings with = settings(msg::TRAIN, 8, 12);
-  with.shuffle() = true;
-  Walk walk(traversal, with);
-  std::map<int, std::uint32_t> frame_at = {{walk.position(), walk.seen.frame()[0]}};
-  std::set<std::map<int, std::uint32_t>> whole;
-  Random random(1);
-  int ends = 0;
-  for (int step = 0; step < 2000; ++step) {
-    std::uint8_t action = static_cast<std::uint8_t>(random.below(kActions));
-    if (!(walk.seen.allowed()[0] >> action & 1)) action = kStay;
-    walk.step(action);
-    const std::uint32_t frame = walk.seen.frame()[0];
-    const auto [at, first] = frame_at.emplace(walk.position(), frame);
-    ASSERT_EQ(at->second, frame) << "at place " << at->first << ", step " << step;
-    std::set<std::uint32_t> frames;
-    for (const auto& [place, shown] : frame_at) frames.insert(shown);
-    ASSERT_EQ(frames.size(), frame_at.size()) << "no frame is shown at two places";
-    if (!(walk.seen.flags()[0] & msg::FLAG_FIRST)) continue;
-    ++ends;
-    if (frame_at.size() > 4) whole.insert(frame_at);
-    frame_at = {{walk.position(), frame}};  // of the next episode, which the same observation begins
-  }
-  EXPECT_GT(ends, 150);
-  EXPECT_GT(whole.size(), 20u) << "each episode has an order of its own";
-}
-
 TEST(EnvironmentMask, ForbidsLeavingTheRouteAtBothEnds) {
   const Traversal traversal = small_traversal(20);
   msg::TaskSettings with = settings(msg::TRAIN, 5, 100);
@@ -165,15 +137,6 @@ TEST(EnvironmentReward, FreeOnlyWhenNearerThanEverAndOneAtTheGoal) {
   EXPECT_EQ(walk.seen.previous_action()[0], kNoAction) << "a new episode has no previous action";
 }
 
-TEST(EnvironmentReward, GoalIsOneEvenWhenItWasPassedFurtherAway) {
-  const Traversal traversal = small_traversal(10);
-  Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 40), 3, 4));
-  walk.step(kPrevious);
-  walk.step(kNext);
-  walk.step(kNext);
-  EXPECT_EQ(walk.seen.reward()[0], 1.0f);
-}
-
 TEST(EnvironmentEpisode, IsCutAtTheStepLimit) {
   const Traversal traversal = small_traversal(10);
   Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 6), 0, 9));
@@ -214,22 +177,6 @@ TEST(EnvironmentEpisode, NextOneStartsWhereTheLastEndedWithAnotherGoal) {
   }
   EXPECT_EQ(goals.size(), 6u);
   for (const auto& [goal, count] : goals) EXPECT_NEAR(count, 100, 40) << "goal " << goal;
-}
-
-TEST(EnvironmentRoute, BeginsAtFirstFrame) {
-  const Traversal traversal = small_traversal(50);
-  msg::TaskSettings with = settings(msg::TRAIN, 4, 16);
-  with.first_frame() = 46;
-  Walk walk(traversal, with);
-  for (int i = 0; i < 100; ++i) {
-    EXPECT_GE(walk.position(), 46);
-    EXPECT_GE(walk.goal(), 46);
-    EXPECT_LT(walk.goal(), 50);
-    EXPECT_EQ(walk.seen.frame()[0], walk.seen.position()[0]);
-    EXPECT_EQ(walk.seen.features()[0], static_cast<float>(walk.position()));
-    EXPECT_EQ(walk.seen.features()[1], static_cast<float>(walk.position()) + 0.5f);
-    walk.step(walk.towards());
-  }
 }
 
 TEST(EnvironmentRoute, RefusesSettingsThatDoNotFit) {

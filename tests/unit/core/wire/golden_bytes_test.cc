@@ -161,15 +161,5 @@ TEST(GoldenBytes, OfEachMessage) {
   expect_golden("messages.txt", all);
 }
 
-/// A message has one hash, whatever was sent before it.
-TEST(GoldenBytes, NothingOfAnotherMessageIsSent) {
-  for_each_message([&]<class Message>() {
-    const Message message = sample_of<Message>(Size::kTypical);
-    Bytes used(topic_of<Message>().largest, std::byte{0xAA});
-    encode(message, used);
-    EXPECT_TRUE(used == encoded(message)) << topic_of<Message>().type;
-  });
-}
-
 }  // namespace
 }  // namespace citylearn::testing

@@ -79,13 +79,6 @@ TEST(Messages, LargestIsTheSizeOfTheLargest) {
   });
 }
 
-TEST(Messages, BytesAreLittleEndianCdr) {
-  const Bytes bytes = encoded(sample_of<msg::Action>(Size::kTypical));
-  EXPECT_EQ(bytes[0], std::byte{0});
-  EXPECT_EQ(bytes[1], std::byte{1});
-  EXPECT_EQ(bytes[4], std::byte{msg::PROTOCOL});
-}
-
 TEST(Messages, BigEndianIsRead) {
   for_each_message([]<class Message>() {
     const Message sent = sample_of<Message>(Size::kTypical);

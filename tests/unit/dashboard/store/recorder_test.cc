@@ -160,23 +160,6 @@ class RecorderTest : public ::testing::Test {
   }
 };
 
-TEST_F(RecorderTest, MakesItselfKnownToWhoeverItHearsOf) {
-  ScriptedEnvironment env;
-  const auto dashboard = make_dashboard();
-  ASSERT_TRUE(until([&] { return env.registered; }, env, *dashboard));
-  EXPECT_EQ(env.newest, 0u);
-  EXPECT_FALSE(env.left);
-}
-
-TEST_F(RecorderTest, AcknowledgesAfterTheCommit) {
-  ScriptedEnvironment env;
-  const auto dashboard = make_dashboard();
-  env.finish_episodes(1000);
-  ASSERT_TRUE(until([&] { return env.kept.empty(); }, env, *dashboard));
-  EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), 1000);
-  EXPECT_EQ(dashboard->recorder.recorded(), 1000u);
-}
-
 TEST_F(RecorderTest, AFewWaitForOthersButNotForLong) {
   ScriptedEnvironment env;
   const auto dashboard = make_dashboard();

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <csignal>
 
-#include "core/util/error.h"
 #include "dashboard/store/database.h"
 #include "dashboard/store/store_reader.h"
 #include "tests/support/files.h"

@@ -91,16 +91,6 @@ TEST_F(StoreTest, GoesOnFromWhatOthersRecordedAndSaysSo) {
   EXPECT_EQ(store.record(std::vector{episode(3)}), 1u) << "a replay has it all the same";
 }
 
-TEST_F(StoreTest, OneWrongNumberDoesNotSilenceARecord) {
-  Store store(options());
-  EXPECT_EQ(store.record(episodes(1, 150)), 150u);
-  msg::EpisodeStat forged = episode(1'000'000'000'001);
-  forged.log().first(forged.log().number());
-  store.record(std::vector{forged});
-  EXPECT_EQ(store.record(episodes(151, 160)), 10u);
-  EXPECT_EQ(store.recorded_up_to(kEnvironment), 160u);
-}
-
 TEST_F(StoreTest, TakesNumbersThatCannotBeForNothing) {
   Store store(options());
   msg::EpisodeStat zero = episode(0), huge = episode(~std::uint64_t{0}), strange = episode(1);

@@ -15,6 +15,8 @@ namespace {
 
 using Numbers = std::map<std::string, double>;
 
+constexpr int kFrames = 96;
+
 std::unique_ptr<Dataset> city(const Numbers& parameters = {}) { return make_dataset("synthetic", "", parameters); }
 
 Bytes file(const Traversal& traversal, int frame) {
@@ -54,12 +56,28 @@ cv::Mat gradients(const cv::Mat& colour) {
   return blocks.reshape(1, 1);
 }
 
+using Pictures = std::vector<cv::Mat>;
+
+/// The first frames of each drive, drawn once for all tests.
+const std::map<std::string, Pictures>& drives() {
+  static const std::map<std::string, Pictures> all = [] {
+    std::map<std::string, Pictures> drawn;
+    const auto dataset = city({{"frames", kFrames}});
+    for (const std::string& name : dataset->names()) {
+      const Traversal traversal = dataset->load(name);
+      for (int frame = 0; frame < kFrames; ++frame) drawn[name].push_back(picture(traversal, frame));
+    }
+    return drawn;
+  }();
+  return all;
+}
+
 /// A descriptor a row, without the mean of all and of length 1.
-cv::Mat descriptors(const Traversal& traversal) {
+cv::Mat descriptors(const Pictures& pictures) {
   cv::Mat rows, mean;
-  for (int frame = 0; frame < traversal.frames; ++frame) rows.push_back(gradients(picture(traversal, frame)));
+  for (const cv::Mat& one : pictures) rows.push_back(gradients(one));
   cv::reduce(rows, mean, 0, cv::REDUCE_AVG);
-  for (int frame = 0; frame < traversal.frames; ++frame) {
+  for (int frame = 0; frame < rows.rows; ++frame) {
     rows.row(frame) -= mean;
     rows.row(frame) /= cv::norm(rows.row(frame));
   }
@@ -136,23 +154,19 @@ TEST(Drawn, SizesStretchesAndSpacingsAreAsAskedFor) {
 }
 
 TEST(Drawn, NeighboursLookAlike) {
-  const Traversal summer = city({{"frames", 100}})->load("summer");
-  std::vector<cv::Mat> pictures;
-  for (int frame = 0; frame < 100; ++frame) pictures.push_back(picture(summer, frame));
+  const Pictures& summer = drives().at("summer");
   double next = 0, distant = 0;
-  for (std::size_t frame = 0; frame < 70; ++frame) {
-    next += difference(pictures[frame], pictures[frame + 1]);
-    distant += difference(pictures[frame], pictures[frame + 30]);
+  for (std::size_t frame = 0; frame + 30 < kFrames; ++frame) {
+    next += difference(summer[frame], summer[frame + 1]);
+    distant += difference(summer[frame], summer[frame + 30]);
   }
   EXPECT_LT(next, 0.7 * distant);
 }
 
 TEST(Drawn, ConditionsAreHarderOrEasierToRecognise) {
-  const auto dataset = city({{"frames", 128}});
-  const cv::Mat summer = descriptors(dataset->load("summer"));
+  const cv::Mat summer = descriptors(drives().at("summer"));
   std::map<std::string, double> share;
-  for (const std::string& name : dataset->names())
-    share[name] = recognised(descriptors(dataset->load(name)) * summer.t());
+  for (const auto& [name, pictures] : drives()) share[name] = recognised(descriptors(pictures) * summer.t());
   EXPECT_EQ(share["summer"], 1);
   EXPECT_GT(share["fall"], 0.7);
   EXPECT_GT(share["overcast"], 0.7);
@@ -163,22 +177,17 @@ TEST(Drawn, ConditionsAreHarderOrEasierToRecognise) {
 }
 
 TEST(Drawn, PixelsAloneDoNotTellPlacesUnderAnotherCondition) {
-  const auto dataset = city({{"frames", 128}});
-  const auto pixels = [&](const std::string& name) {
-    std::vector<cv::Mat> pictures;
-    const Traversal traversal = dataset->load(name);
-    for (int frame = 0; frame < traversal.frames; ++frame) {
-      pictures.emplace_back();
-      cv::resize(picture(traversal, frame), pictures.back(), {}, 0.5, 0.5, cv::INTER_AREA);
-    }
-    return pictures;
+  const auto halved = [](const Pictures& pictures) {
+    Pictures small(pictures.size());
+    for (std::size_t i = 0; i < small.size(); ++i) cv::resize(pictures[i], small[i], {}, 0.5, 0.5, cv::INTER_AREA);
+    return small;
   };
-  const std::vector<cv::Mat> summer = pixels("summer");
-  for (const std::string& name : dataset->names()) {
-    const std::vector<cv::Mat> pictures = pixels(name);
-    cv::Mat similarity(128, 128, CV_64F);
-    for (int i = 0; i < 128; ++i)
-      for (int j = 0; j < 128; ++j)
+  const Pictures summer = halved(drives().at("summer"));
+  for (const auto& [name, drive] : drives()) {
+    const Pictures pictures = halved(drive);
+    cv::Mat similarity(kFrames, kFrames, CV_64F);
+    for (int i = 0; i < kFrames; ++i)
+      for (int j = 0; j < kFrames; ++j)
         similarity.at<double>(i, j) =
             -difference(pictures[static_cast<std::size_t>(i)], summer[static_cast<std::size_t>(j)]);
     if (name == "summer")

@@ -9,7 +9,6 @@
 #include <limits>
 #include <set>
 
-#include "core/files/files.h"
 #include "core/util/error.h"
 #include "policy_service/learning/optimization/adam.h"
 #include "policy_service/network/checkpoint.h"
@@ -25,14 +24,6 @@ class EachNetwork : public ::testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork,
                          ::testing::Values("baseline", "features", "place_filter", "place_memory", "raw_images"),
                          [](const auto& tested) { return tested.param; });
-
-TEST_P(EachNetwork, SameSeedSameBitsWhoeverComesFirst) {
-  expect_reproducible(small_city_for(GetParam()), small_options(GetParam()), 2, 6);
-}
-
-TEST_P(EachNetwork, GoesOnFromACheckpointByteForByte) {
-  expect_resumable(small_city_for(GetParam()), small_options(GetParam()), 5, 5);
-}
 
 TEST_P(EachNetwork, LearnsFromSeveralExperiencesAlike) {
   const Traversal city = small_city_for(GetParam()), other = other_season(city);

@@ -99,22 +99,6 @@ TEST(Vtrace, TargetsAreThoseOfThePaper) {
   }
 }
 
-TEST(Vtrace, OnPolicyTargetsAreReturns) {
-  Random random{2};
-  const Heads<double> heads = some_heads(random);
-  TrajectoryBatch<double> trajectories = some_trajectories(heads, 0, false, random);
-  const double gamma = 0.9;
-  vtrace(VtraceLimits{gamma, 1, 1, 1}, heads, kAgents, trajectories);
-  for (int b = 0; b < kAgents; ++b) {
-    double expected = heads.values(0, (kSteps - 1) * kAgents + b);
-    for (int t = kSteps - 2; t >= 0; --t) {
-      const auto i = static_cast<std::size_t>(t * kAgents + b);
-      expected = trajectories.reward[i] + gamma * expected;
-      EXPECT_NEAR(trajectories.target[i], expected, 1e-12);
-    }
-  }
-}
-
 TEST(Vtrace, OnPolicyAdvantagesAreGeneralisedAdvantageEstimates) {
   Random random{3};
   const Heads<double> heads = some_heads(random);
@@ -166,49 +150,6 @@ TEST(Vtrace, LossAgreesWithCentralDifferences) {
   check(heads.logits, derivative.logits);
   check(heads.values, derivative.values);
   check(heads.auxiliary, derivative.auxiliary);
-}
-
-/// Tests it as relabel uses it, from places alone.
-TEST(EpisodeReward, IsTheEnvironmentsReward) {
-  const Traversal city = small_city(9);
-  Environment environment(city, 8);
-  environment.reset(testing::settings(msg::TRAIN, 9, 12, 5));
-  msg::Observation observation;
-  environment.observe(observation);
-  std::vector<EpisodeReward> rules;
-  std::vector<int> goals(8);  // that of the episode which the step belongs to, not of the next one
-  const auto distance = [&](std::size_t agent) {
-    return std::abs(goals[agent] - static_cast<int>(observation.position()[agent]));
-  };
-  const auto begin = [&](std::size_t agent) {
-    goals[agent] = static_cast<int>(observation.goal()[agent]);
-    return EpisodeReward(distance(agent), 12);
-  };
-  for (std::size_t agent = 0; agent < 8; ++agent) rules.push_back(begin(agent));
-  Random random{6};
-  int reached = 0, cut = 0, free = 0;
-  for (int step = 0; step < 600; ++step) {
-    std::vector<std::uint8_t> choice(8);
-    for (std::size_t agent = 0; agent < 8; ++agent) do
-        choice[agent] = static_cast<std::uint8_t>(random.below(kActions));
-      while (!(observation.allowed()[agent] >> choice[agent] & 1));
-    environment.step(choice);
-    environment.observe(observation);
-    for (std::size_t agent = 0; agent < 8; ++agent) {
-      EXPECT_EQ(rules[agent].step(distance(agent)), observation.reward()[agent]);
-      const bool terminated = observation.flags()[agent] & msg::FLAG_TERMINATED;
-      EXPECT_EQ(rules[agent].reached(), terminated);
-      EXPECT_EQ(!terminated && rules[agent].out_of_steps(), (observation.flags()[agent] & msg::FLAG_TRUNCATED) != 0);
-      reached += terminated;
-      free += observation.reward()[agent] == 0;
-      if (!(observation.flags()[agent] & msg::FLAG_FIRST)) continue;
-      cut += !terminated;
-      rules[agent] = begin(agent);
-    }
-  }
-  EXPECT_GT(reached, 20);
-  EXPECT_GT(cut, 20);
-  EXPECT_GT(free, 100);
 }
 
 /// A walk along 20 places that begins at place 5 and goes where `moves` say; its frames show the step's number.
