@@ -10,6 +10,7 @@
 #include <limits>
 
 #include "core/files/files.h"
+#include "core/recording/compression.h"
 #include "core/recording/mcap_writer.h"
 #include "core/util/error.h"
 
@@ -291,6 +292,12 @@ McapReader::McapReader(const std::string& path) : path_(path) {
   file_.clear();
   if (magic != kMagic) throw Error("is no MCAP file", path_, "it does not begin as one of version 0 does");
   at_ = kMagic.size();
+  if (!read_record()) return;
+  const auto wrong = [this](const char* what) { fail(what); };
+  if (opcode_ == kHeader)
+    profile_ = In(std::string_view(content_), wrong).text();
+  else
+    at_ = kMagic.size();
 }
 
 void McapReader::fail(const std::string& what, const std::string& remedy) const {
@@ -313,7 +320,8 @@ bool McapReader::read_record() {
   std::uint64_t length;
   opcode_ = static_cast<unsigned char>(head[0]);
   std::memcpy(&length, head + 1, sizeof length);
-  if (length > size_ - at_ - sizeof head) {
+  // Where a machine went off, a file may end in zeros.
+  if (length > size_ - at_ - sizeof head || opcode_ == 0) {
     cut_short();
     return false;
   }
@@ -321,6 +329,7 @@ bool McapReader::read_record() {
   // What is not asked for is not read: indexes, attachments, what other versions may have.
   const bool wanted = opcode_ == kHeader || opcode_ == kSchema || opcode_ == kChannel || opcode_ == kMessage ||
                       opcode_ == kChunk || opcode_ == kMetadata;
+  if (wanted && length > kMaxRecordBytes) fail("a record of " + std::to_string(length) + " bytes");
   content_.resize(wanted ? length : 0);
   if (!file_.read(content_.data(), static_cast<std::streamsize>(content_.size()))) fail("cannot be read");
   return true;
@@ -365,16 +374,17 @@ void McapReader::take_chunk(std::string_view content) {
   const auto crc = in.number<std::uint32_t>();
   const std::string compression(in.text());
   const std::string_view records = in.raw(in.number<std::uint64_t>());
-  if (!compression.empty())
-    fail("a chunk is compressed with '" + compression + "', which is not read here",
-         "mcap compress --compression none writes the file anew");
-  if (records.size() != size) fail("a chunk is not as long as it says");
-  if (crc != 0 && crc32_of(records) != crc) fail("a chunk is damaged: its checksum is another");
-  chunk_ = records;
+  if (size > kMaxRecordBytes) fail("a chunk of " + std::to_string(size) + " bytes");
   chunk_at_ = 0;
+  if (compression.empty())
+    chunk_ = records;
+  else if (const std::string fault = decompress(compression, records, size, chunk_); !fault.empty())
+    fail("a chunk " + fault);
+  if (chunk_.size() != size) fail("a chunk is not as long as it says");
+  if (crc != 0 && crc32_of(chunk_) != crc) fail("a chunk is damaged: its checksum is another");
 }
 
-McapMessage McapReader::message(std::string_view content) const {
+McapMessage McapReader::message(std::string_view content, std::uint64_t offset) const {
   const auto wrong = [this](const char* what) { fail(what); };
   In in(content, wrong);
   const auto number = in.number<std::uint16_t>();
@@ -386,7 +396,22 @@ McapMessage McapReader::message(std::string_view content) const {
   message.log_time = in.number<std::uint64_t>();
   in.number<std::uint64_t>();  // of its publication
   message.data = std::as_bytes(std::span(in.rest()));
+  message.place = {record_, offset};
   return message;
+}
+
+McapMessage McapReader::read(const McapPlace& place) {
+  if (record_ != place.record) {
+    at_ = place.record;
+    if (!read_record()) fail("has changed since it was opened");
+    if (opcode_ == kChunk) take_chunk(content_);
+  }
+  if (opcode_ == kMessage) return message(content_, 0);
+  chunk_at_ = place.offset;
+  std::optional<McapMessage> found = opcode_ == kChunk && place.offset < chunk_.size() ? next() : std::nullopt;
+  if (!found || found->place.record != place.record || found->place.offset != place.offset)
+    fail("has changed since it was opened");
+  return *found;
 }
 
 std::optional<McapMessage> McapReader::next() {
@@ -396,10 +421,10 @@ std::optional<McapMessage> McapReader::next() {
       In in(std::string_view(chunk_).substr(chunk_at_), wrong);
       const auto opcode = in.number<unsigned char>();
       const std::string_view content = in.raw(in.number<std::uint64_t>());
-      chunk_at_ += kRecordHead + content.size();
+      const std::uint64_t offset = std::exchange(chunk_at_, chunk_at_ + kRecordHead + content.size());
       if (opcode == kSchema) take_schema(content);
       if (opcode == kChannel) take_channel(content);
-      if (opcode == kMessage) return message(content);
+      if (opcode == kMessage) return message(content, offset);
     }
     if (ended_ || !read_record()) return std::nullopt;
     switch (opcode_) {
@@ -410,7 +435,7 @@ std::optional<McapMessage> McapReader::next() {
         take_channel(content_);
         break;
       case kMessage:
-        return message(content_);
+        return message(content_, 0);
       case kChunk:
         take_chunk(content_);
         break;

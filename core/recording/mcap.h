@@ -28,27 +28,40 @@ struct McapChannel {
   McapMetadata metadata = {};
 };
 
+/// Where a message is in its file.
+struct McapPlace {
+  std::uint64_t record = 0;  ///< where its chunk begins, or itself
+  std::uint64_t offset = 0;  ///< in the chunk
+};
+
 struct McapMessage {
   const McapChannel* channel = nullptr;  ///< lives as long as the reader
   std::uint32_t sequence = 0;
   std::uint64_t log_time = 0;
   std::span<const std::byte> data;  ///< until the next call
+  McapPlace place = {};
 };
 
 /// Reads a file from its beginning to its end, chunk by chunk, without looking at its indexes: so one that was cut
-/// short is read up to there.
+/// short is read up to there. Chunks may be compressed with zstd or lz4.
 class McapReader {
  public:
   /// Throws Error naming the file when it cannot be read or is not an MCAP file.
   explicit McapReader(const std::string& path);
 
   /// Returns the next message; nothing at the end. Throws Error naming the file and the byte where it is damaged: a
-  /// wrong checksum, a record that ends beyond its place, a channel that was not announced, a compression.
+  /// wrong checksum, a record that ends beyond its place, a channel that was not announced, another compression, more
+  /// than kMaxRecordBytes.
   std::optional<McapMessage> next();
+  /// Returns the message at a place that next() told. next() then goes on behind it. Throws Error as next() does.
+  McapMessage read(const McapPlace& place);
+  static constexpr std::uint64_t kMaxRecordBytes = 512u << 20;  ///< of a record, and of a chunk's contents
 
   /// Returns what is missing at the end, once it is reached ("cut short after 12345 bytes"); empty for a whole file.
   const std::string& missing() const { return missing_; }
   const std::string& path() const { return path_; }
+  /// Returns what kind of recording it says to be: "ros2", "citylearn"; may be empty.
+  const std::string& profile() const { return profile_; }
   /// Returns all metadata records so far, by name.
   const std::map<std::string, McapMetadata>& metadata() const { return metadata_; }
 
@@ -61,7 +74,7 @@ class McapReader {
   void take_chunk(std::string_view content);
   void take_schema(std::string_view content);
   void take_channel(std::string_view content);
-  McapMessage message(std::string_view content) const;
+  McapMessage message(std::string_view content, std::uint64_t offset) const;
   [[noreturn]] void fail(const std::string& what, const std::string& remedy = "") const;
 
   const std::string path_;
@@ -73,7 +86,7 @@ class McapReader {
   std::string chunk_;
   std::size_t chunk_at_ = 0;
   bool ended_ = false;
-  std::string missing_;
+  std::string missing_, profile_;
   std::map<std::uint16_t, Schema> schemas_;
   std::map<std::uint16_t, McapChannel> channels_;
   std::map<std::string, McapMetadata> metadata_;

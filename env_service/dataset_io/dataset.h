@@ -20,6 +20,12 @@ enum class Correspondence {
   kGps,       ///< by the nearest latitude and longitude
 };
 
+/// What load() does not take of a traversal's files, a line each.
+struct LeftOut {
+  std::vector<std::string> on_purpose;
+  std::vector<std::string> faults;  ///< damaged, missing, cut short
+};
+
 /// A source of traversals. A dataset is one file of datasets/ that ends in a static Registration.
 class Dataset {
  public:
@@ -41,6 +47,8 @@ class Dataset {
   virtual Correspondence correspondence() const { return Correspondence::kIndex; }
   /// Returns pairs (frame of a, frame of b) for Correspondence::kMatches, in any order. Throws Error when it has none.
   virtual std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b);
+  /// Returns what is not taken of a traversal that was loaded, where files hold more than frames.
+  virtual LeftOut left_out(const std::string& /*name*/) { return {}; }
 };
 
 /// Factories get the folder given by --data, or an empty text. Entry::about says where to get the data: "paper",

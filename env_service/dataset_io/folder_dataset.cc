@@ -48,6 +48,8 @@ void FolderDataset::not_recognised(const std::string& missing) const {
               is_folder(folder_) ? "--data names the folder that holds it" : "there is no such folder");
 }
 
+std::string FolderDataset::matches_file() const { return first_file(folder_, {"matches.csv"}); }
+
 Traversal FolderDataset::unfilled(const std::string& name, int frames, const std::string& where) const {
   const std::string count = "has " + (frames == 1 ? "only one frame" : std::to_string(frames) + " frames");
   if (frames < 2) throw Error(count + ", a route needs two", where);

@@ -25,6 +25,9 @@ class FolderDataset : public Dataset {
   /// Throws Error: the folder is not of this dataset, as `missing` is not there.
   [[noreturn]] void not_recognised(const std::string& missing) const;
 
+  /// Returns the path of matches.csv (poses.h), empty where there is none.
+  std::string matches_file() const;
+
   /// Returns a traversal whose frames are not filled in and whose positions are not known yet. Throws Error naming
   /// `where` when it has less than 2 frames or more than msg::MAX_FRAMES.
   Traversal unfilled(const std::string& name, int frames, const std::string& where) const;

@@ -43,13 +43,11 @@ class Plain : public FolderDataset {
   bool distinctive() override { return false; }
 
   Correspondence correspondence() const override {
-    return is_file(folder_ + "/" + kMatches) ? Correspondence::kMatches : Correspondence::kIndex;
+    return matches_file().empty() ? Correspondence::kIndex : Correspondence::kMatches;
   }
 
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
-    const std::string path = folder_ + "/" + kMatches;
-    if (!is_file(path)) return Dataset::matches(a, b);
-    return read_matches(path, a, b);
+    return matches_file().empty() ? Dataset::matches(a, b) : read_matches(matches_file(), a, b);
   }
 
  protected:

@@ -18,8 +18,10 @@ struct RawImage {
   bool is_bigendian = false;  ///< of numbers of 16 bits
 };
 
-/// Writes a picture as a PNG file of 8 bits: of numbers of 16 bits the high byte. Returns what is wrong with it, as
-/// "has encoding 'x'"; empty when nothing is.
+/// Returns what is wrong with a picture, as "has encoding 'x'"; empty when nothing is.
+std::string raw_fault(const RawImage& image);
+/// Writes a picture as a PNG file of 8 bits: of numbers of 16 bits the high byte. Returns likewise what is wrong
+/// with it.
 std::string encode_raw(const RawImage& image, Bytes& file);
 
 }  // namespace citylearn

@@ -8,7 +8,7 @@
 
 #include "core/ros2/participant.h"
 #include "env_service/live/robot_options.h"
-#include "ros2/ros2.h"
+#include "env_service/ros2/sensor_messages.h"
 
 namespace citylearn {
 
@@ -18,13 +18,7 @@ std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header);
 /// Hears positions on one topic: where a robot is, or where it is sent. Used by the participant's thread.
 class PositionTopic {
  public:
-  struct Position {
-    std::uint64_t stamp = 0;  ///< as stamp_of()
-    double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
-    std::string frame = {};   ///< in which metres are, as "map"; may be empty
-    std::string fault = {};   ///< why it is not a position: it "has no fix"; empty: it is one
-    std::string doubt = {};   ///< what else is wrong with it: it "has no stamp"
-  };
+  using Position = SensedPosition;  ///< stamp: as stamp_of()
   /// Returns the metres between two positions of one source.
   static double metres_between(PositionSource source, const Position& a, const Position& b);
 

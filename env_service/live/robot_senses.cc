@@ -6,11 +6,10 @@
 
 #include <utility>
 
-#include "core/files/image_header.h"
 #include "core/ros2/header.h"
 #include "core/util/error.h"
 #include "core/util/text.h"
-#include "env_service/images/raw_image.h"
+#include "env_service/ros2/sensor_messages.h"
 
 namespace citylearn {
 namespace {
@@ -34,19 +33,6 @@ constexpr std::size_t kMaxFaults = 8;  // of a topic: some hold what a sender wr
 std::string order_fault(std::uint64_t stamp, std::uint64_t before) {
   if (RobotSenses::follows(stamp, before)) return "";
   return stamp == before ? "came twice" : "came late";
-}
-
-/// Returns what is wrong with a picture, else its file.
-std::string read_picture(const sensor_msgs::msg::dds_::CompressedImage_& image, Bytes& file) {
-  const std::span<const std::byte> bytes = std::as_bytes(std::span(image.data()));
-  file.assign(bytes.begin(), bytes.end());
-  std::string fault = image_fault(file).value_or("");
-  if (file.size() > kMaxImageBytes) fault = std::to_string(file.size()) + " bytes";
-  return fault.empty() ? "" : "has format '" + one_line(image.format().substr(0, 40)) + "': " + fault;
-}
-std::string read_picture(const sensor_msgs::msg::dds_::Image_& image, Bytes& file) {
-  return encode_raw(
-      {image.width(), image.height(), image.step(), image.encoding(), image.data(), image.is_bigendian() != 0}, file);
 }
 
 }  // namespace

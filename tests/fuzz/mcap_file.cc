@@ -18,11 +18,9 @@ bool mcap_file(Input input) {
   bool whole = false;
   const bool good = accepted([&] {
     McapReader reader(path);
-    std::size_t bytes = 0;
     Bytes renamed;
     while (const auto message = reader.next()) {
-      bytes += message->data.size() + 22;
-      require(bytes <= input.size(), "messages are within the file");
+      require(message->data.size() <= McapReader::kMaxRecordBytes, "a message is within its record");
       require(message->channel != nullptr, "a message has a channel");
       const auto header = header_of(message->data);
       require(header.has_value() == with_session(message->data, "another", renamed), "what has a header has a run");

@@ -80,6 +80,9 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
       traversals.push_back(dataset.load(name));
       all += traversals.back().frames;
       traversals.back().features = {};  // they were checked as they were read
+      const LeftOut left_out = dataset.left_out(name);
+      for (const std::string& line : left_out.on_purpose) inspection.left_out.push_back(name + ": " + line);
+      for (const std::string& line : left_out.faults) inspection.faults.push_back({name, -1, "", line});
     } catch (const Error& error) {
       inspection.faults.push_back({name, -1, "", error.what()});
     }

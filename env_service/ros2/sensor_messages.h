@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "core/util/types.h"
+#include "ros2/ros2.h"
+
+namespace citylearn {
+
+// What messages of a robot's sensors say, be they heard or recorded.
+
+/// Returns what is wrong with a picture, without decoding it, as "has 0 x 0 pixels of rgb8"; empty when nothing is.
+std::string picture_fault(const sensor_msgs::msg::dds_::Image_& image);
+std::string picture_fault(const sensor_msgs::msg::dds_::CompressedImage_& image);
+/// Makes an image file of a picture: JPEG, PNG, PNM or BMP. Returns likewise what is wrong with it.
+std::string read_picture(const sensor_msgs::msg::dds_::Image_& image, Bytes& file);
+std::string read_picture(const sensor_msgs::msg::dds_::CompressedImage_& image, Bytes& file);
+
+/// Where a robot is, or where it is sent.
+struct SensedPosition {
+  std::uint64_t stamp = 0;  ///< nanoseconds by the sender's clock; 0: not told
+  double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
+  std::string frame = {};   ///< in which metres are, as "map"; may be empty
+  std::string fault = {};   ///< why it is not a position: it "has no fix"; empty: it is one
+  std::string doubt = {};   ///< what else is wrong with it: it "has no stamp"
+};
+SensedPosition position_of(const nav_msgs::msg::dds_::Odometry_& message);
+SensedPosition position_of(const geometry_msgs::msg::dds_::PoseStamped_& message);
+SensedPosition position_of(const sensor_msgs::msg::dds_::NavSatFix_& message);
+
+}  // namespace citylearn
