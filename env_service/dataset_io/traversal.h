@@ -28,6 +28,7 @@ struct Traversal {
   std::vector<double> longitude;   ///< F, degrees east, NaN where unknown; or empty
   std::vector<double> x, y;        ///< F, metres of any plane, as odometry has them, NaN where unknown; or empty
   std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
+  std::string places_from;         ///< what tells where frames are, a file below the folder or "EXIF"; or empty
   std::vector<int> turns;          ///< F, where `stay` leads at each frame (core/task/route_map.h); empty: a line
 
   std::span<const float> feature(int frame) const {
