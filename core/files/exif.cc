@@ -2,32 +2,18 @@
 #include "core/files/exif.h"
 
 #include <algorithm>
-#include <cstdint>
+#include <iterator>
 #include <limits>
 
 namespace citylearn {
 namespace {
 
-// Types of values (CIPA DC-008, 4.6.2) and their bytes; others are not read.
-constexpr std::size_t kByte = 1, kAscii = 2, kShort = 3, kLong = 4, kRational = 5, kSignedRational = 10;
+// Types of values (CIPA DC-008, 4.6.2): bytes, text, 16-bit and 32-bit numbers, rationals; others are not read.
+constexpr std::size_t kAscii = 2, kLong = 4;
+constexpr std::size_t kBytesOf[] = {0, 1, 1, 2, 4, 8};
 constexpr std::size_t kMaxNumbers = 8;
 
-std::size_t bytes_of(std::size_t type) {
-  switch (type) {
-    case kByte:
-    case kAscii:
-      return 1;
-    case kShort:
-      return 2;
-    case kLong:
-      return 4;
-    case kRational:
-    case kSignedRational:
-      return 8;
-    default:
-      return 0;
-  }
-}
+std::size_t bytes_of(std::size_t type) { return type < std::size(kBytesOf) ? kBytesOf[type] : 0; }
 
 }  // namespace
 
@@ -68,11 +54,8 @@ std::vector<double> Exif::numbers(Directory directory, unsigned tag) const {
       numbers.push_back(static_cast<double>(number(at, size)));
       continue;
     }
-    const auto above = static_cast<std::uint32_t>(number(at, 4)), below = static_cast<std::uint32_t>(number(at + 4, 4));
-    const bool is_signed = found.type == kSignedRational;
-    const double divisor = is_signed ? static_cast<std::int32_t>(below) : static_cast<double>(below);
-    const double value = is_signed ? static_cast<std::int32_t>(above) : static_cast<double>(above);
-    numbers.push_back(divisor == 0 ? std::numeric_limits<double>::quiet_NaN() : value / divisor);
+    const auto above = static_cast<double>(number(at, 4)), below = static_cast<double>(number(at + 4, 4));
+    numbers.push_back(below == 0 ? std::numeric_limits<double>::quiet_NaN() : above / below);
   }
   return numbers;
 }

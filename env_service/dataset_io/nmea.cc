@@ -107,9 +107,12 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     if (!std::isnan(point.latitude) && !std::isnan(point.longitude)) {
       ++receiver.fixes;
       const double satellites = number(fields, 7), hdop = number(fields, 8);
-      // Quality 6 is reckoned without satellites, the worst of all.
+      // Quality 4, fixed RTK, is the best; 6 is reckoned without satellites, the worst.
       if (!rmc)
-        receiver.worth += (status == 6 ? 0 : status * 100) + (satellites > 0 ? satellites : 0) - (hdop > 0 ? hdop : 0);
+        receiver.worth += (status == 6   ? 0
+                           : status == 4 ? 600
+                                         : status * 100) +
+                          (satellites > 0 ? satellites : 0) - (hdop > 0 ? hdop : 0);
     }
     receiver.points.push_back(point);
   });

@@ -174,6 +174,7 @@ GpsRows rows_of(Points points, const std::string& path) {
                 path, "export the track with its times, or move it away");
   if (points.size() < all)
     spdlog::warn("{}: {} of {} points have no time and are left out", path, all - points.size(), all);
+  points.front().begins = false;  // nothing comes before it
   std::stable_sort(points.begin(), points.end(), [](auto& a, auto& b) { return a.time < b.time; });
   double last = kUnknown;
   bool begins = false;

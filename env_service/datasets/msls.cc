@@ -18,10 +18,10 @@ namespace {
 /// archives unpack into one folder:
 ///   {train_val,test}/<city>/{database,query}/images/<key>.jpg
 ///   .../seq_info.csv: key, sequence_key, frame_number
-///   .../raw.csv: key, lon, lat, ca (degrees), captured_at, pano; not of the test cities, whose places are not
+///   .../raw.csv: key, lon, lat, pano; not of the test cities, whose places are not
 ///   published
-/// A traversal is "<city>-database" or "<city>-query": its sequences by day, then in the order of seq_info.csv, each by
-/// frame number. Panoramas are left out, as the paper's own loader does. Pictures that were not fetched are left out
+/// A traversal is "<city>-database" or "<city>-query": its sequences in the order of seq_info.csv, each by frame
+/// number. Panoramas are left out, as the paper's own loader does. Pictures that were not fetched are left out
 /// too.
 class MapillarySls : public FolderDataset {
  public:
@@ -54,7 +54,6 @@ class MapillarySls : public FolderDataset {
   Traversal read(const std::string& name) override {
     const std::string folder = folders().at(name);
     struct Picture {
-      std::string day;
       int sequence = 0;
       double number = 0;
       std::string path;
@@ -82,19 +81,12 @@ class MapillarySls : public FolderDataset {
         picture.longitude = raw.number(row, "lon");
         if (std::abs(picture.latitude) > 90 || std::abs(picture.longitude) > 180)
           raw.fail(row, "not a latitude and a longitude in degrees");
-        if (raw.has("captured_at")) picture.day = raw.text(row, "captured_at");
         picture.panorama = raw.has("pano") && raw.text(row, "pano") == "True";
       }
     }
     std::vector<Picture> kept;
     std::size_t panoramas = 0, missing = 0;
-    std::map<int, std::string> days;  // of each sequence, that of its first picture
     for (auto& [key, picture] : pictures) {
-      std::string& day = days[picture.sequence];
-      if (day.empty() || (!picture.day.empty() && picture.day < day)) day = picture.day;
-    }
-    for (auto& [key, picture] : pictures) {
-      picture.day = days[picture.sequence];
       const bool there = is_file(picture.path);
       panoramas += picture.panorama;
       missing += !there && !picture.panorama;
@@ -103,7 +95,7 @@ class MapillarySls : public FolderDataset {
     if (panoramas + missing > 0)
       spdlog::warn("{}: {} panoramas are left out, and {} pictures that are not there", folder, panoramas, missing);
     std::sort(kept.begin(), kept.end(), [](const Picture& a, const Picture& b) {
-      return std::tie(a.day, a.sequence, a.number, a.path) < std::tie(b.day, b.sequence, b.number, b.path);
+      return std::tie(a.sequence, a.number, a.path) < std::tie(b.sequence, b.number, b.path);
     });
     std::vector<std::string> paths;
     std::vector<double> latitude, longitude;

@@ -84,7 +84,7 @@ class Plain : public FolderDataset {
     const std::vector<std::string> tracks = files_in(folder_, track_suffixes());
     for (const std::string& suffix : track_suffixes())
       for (const std::string& track : tracks)
-        if (lower(track).ends_with(suffix) && stem_of(track) == name) {
+        if (lower(track).ends_with(suffix) && lower(stem_of(track)) == lower(name)) {
           follow(traversal, track, began);
           return traversal;
         }

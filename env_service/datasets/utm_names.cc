@@ -72,42 +72,39 @@ class UtmNames : public FolderDataset {
     return begin != end && std::from_chars(begin, end, value).ptr == end ? value : kUnknown;
   }
 
+  /// Returns the digits of a name's timestamp, yyyymmddhhmmss; empty when it has none.
+  static std::string timestamp(const std::string& file) {
+    const std::vector<std::string> fields = fields_of(file);
+    std::string time = fields.size() > 12 ? fields[12] : "";
+    std::erase_if(time, [](char c) { return c < '0' || c > '9'; });
+    return time;
+  }
+
   Traversal read(const std::string& name) override {
-    struct Picture {
-      std::string time, file;
-      std::vector<std::string> fields;
-    };
     const std::string folder = folders().at(name);
-    std::vector<Picture> pictures;
-    std::size_t timed = 0;
-    for (const std::string& file : files_in(folder, image_suffixes())) {
-      std::vector<std::string> fields = fields_of(file);
-      if (std::isnan(number(fields, 0)) || std::isnan(number(fields, 1)))
-        throw Error("its name does not begin with @easting@northing@ in metres", below(folder, file), "move it away");
-      std::string time = fields.size() > 12 ? fields[12] : "";
-      std::erase_if(time, [](char c) { return c < '0' || c > '9'; });
-      timed += !time.empty();
-      pictures.push_back({std::move(time), file, std::move(fields)});
-    }
-    if (timed == pictures.size())
-      std::stable_sort(pictures.begin(), pictures.end(), [](auto& a, auto& b) { return a.time < b.time; });
+    std::vector<std::string> paths = files_in(folder, image_suffixes());
+    const auto untimed =
+        std::count_if(paths.begin(), paths.end(), [](const std::string& file) { return timestamp(file).empty(); });
+    if (untimed == 0)
+      std::stable_sort(paths.begin(), paths.end(), [](auto& a, auto& b) { return timestamp(a) < timestamp(b); });
     else
       spdlog::warn("{}: {} of {} names have no timestamp, so that nothing tells the order of the drive", folder,
-                   pictures.size() - timed, pictures.size());
-
-    std::vector<std::string> paths;
+                   untimed, paths.size());
     std::vector<double> latitude, longitude, x, y;
-    for (const Picture& picture : pictures) {
-      const std::vector<std::string>& fields = picture.fields;
-      paths.push_back(below(folder, picture.file));
+    for (std::string& path : paths) {
+      const std::vector<std::string> fields = fields_of(path);
+      path = below(folder, path);
       x.push_back(number(fields, 0));
       y.push_back(number(fields, 1));
+      if (std::isnan(x.back()) || std::isnan(y.back()))
+        throw Error("its name does not begin with @easting@northing@ in metres", path, "move it away");
       LatLon place{number(fields, 4), number(fields, 5)};
       const double zone = number(fields, 2);
       if ((std::isnan(place.latitude) || std::isnan(place.longitude)) && zone >= 1 && zone <= 60)
-        place = from_utm(x.back(), y.back(), static_cast<int>(zone), fields[3].empty() || (fields[3][0] | 32) >= 'n');
+        place = from_utm(x.back(), y.back(), static_cast<int>(zone),
+                         fields.size() < 4 || fields[3].empty() || (fields[3][0] | 32) >= 'n');
       if (std::abs(place.latitude) > 90 || std::abs(place.longitude) > 180)
-        throw Error("its name has no latitude and longitude in degrees", paths.back(), "move it away");
+        throw Error("its name has no latitude and longitude in degrees", path, "move it away");
       latitude.push_back(place.latitude);
       longitude.push_back(place.longitude);
     }

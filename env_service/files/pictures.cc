@@ -157,7 +157,8 @@ Names pictures_in(const std::string& folder, const PictureTimes& times_of) {
   std::vector<std::size_t> order(files.size());
   std::iota(order.begin(), order.end(), 0);
   std::size_t wrapped = 0;
-  if (!std::is_sorted(numbers.begin(), numbers.end())) {
+  const bool by_number = !std::is_sorted(numbers.begin(), numbers.end());
+  if (by_number) {
     if (untimed > 0 && may_be_two_counters(texts))
       throw Error("the numbers from " + files.front() + " to " + files.back() + " may be decimals or two counters",
                   folder, "rename the files, with as many digits behind each point");
@@ -183,7 +184,7 @@ Names pictures_in(const std::string& folder, const PictureTimes& times_of) {
     throw Error("the counter seems to have begun anew: " + files.front() + " would come before " + files[wrapped],
                 folder,
                 "rename those behind " + files.back() + " so that numbers go on, as " + texts[0] + " to 1" + texts[0]);
-  if (!told && without_order(stems, numbers))
+  if (!told && !by_number && without_order(stems, numbers))
     spdlog::warn("{}: the names of its pictures give no order ({}, {} ...); number them as they were recorded", folder,
                  files[0], files[1]);
   Names ordered;

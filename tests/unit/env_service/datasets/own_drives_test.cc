@@ -132,12 +132,12 @@ TEST(Tracks, BesideAFilmNeedItsTime) {
     return "<trkpt lat='" + std::to_string(latitude) + "' lon='0'><time>2026-06-01T12:00:0" + std::to_string(second) +
            "Z</time></trkpt>";
   };
-  make_file(folder / "walk.gpx", "<gpx><trk><trkseg>" + point(0, 1) + point(4, 1.0004) + "</trkseg></trk></gpx>");
+  make_file(folder / "walk.gpx", "<gpx><trk><trkseg>" + point(0, 48) + point(4, 48.0004) + "</trkseg></trk></gpx>");
   EXPECT_TRUE(contains(error_of([&] { make_dataset("plain", folder.path())->load("walk"); }),
                        "walk.gpx: nothing says which time of it"));
   const Traversal walk = make_dataset("plain", folder.path(), {{"clock-offset", 1}})->load("walk");
   EXPECT_EQ(walk.places_from, "walk.gpx");
-  EXPECT_NEAR(walk.latitude[25], 1.0002, 1e-9) << "second 1 of the film is second 2 of the track";
+  EXPECT_NEAR(walk.latitude[25], 48.0002, 1e-9) << "second 1 of the film is second 2 of the track";
   std::filesystem::rename(folder / "walk.gpx", folder / "other.gpx");  // it may be of something else
   const Log log;
   EXPECT_TRUE(make_dataset("plain", folder.path())->load("walk").latitude.empty());
