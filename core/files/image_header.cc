@@ -66,27 +66,8 @@ class Cursor {
   std::size_t at_ = 0;
 };
 
-/// The first directory of EXIF data (CIPA DC-008, 4.6) tells the orientation, in tag 274; 1 where it does not.
-int orientation_in(std::span<const std::byte> exif) {
-  const bool little = exif.size() > 8 && exif[0] == std::byte{'I'};
-  const auto number = [&](std::size_t at, std::size_t size) {
-    std::size_t value = 0;
-    for (std::size_t i = 0; i < size && at + size <= exif.size(); ++i)
-      value = value << 8 | std::to_integer<std::size_t>(exif[little ? at + size - 1 - i : at + i]);
-    return value;
-  };
-  const std::size_t directory = number(4, 4), fields = number(directory, 2);
-  for (std::size_t i = 0; i < fields; ++i) {
-    const std::size_t at = directory + 2 + 12 * i, type = number(at + 2, 2);
-    if (number(at, 2) != 0x0112) continue;
-    const std::size_t value = number(at + 8, type == 4 ? 4 : type == 1 ? 1 : 2);
-    return value >= 1 && value <= 8 ? static_cast<int>(value) : 1;
-  }
-  return 1;
-}
-
-/// The frame header (SOFn) among the segments of a JPEG file (ITU-T T.81, B.2), and the orientation in those before it.
-void find_jpeg_size(Cursor& cursor, std::int64_t& width, std::int64_t& height, int& orientation) {
+/// The frame header (SOFn) among the segments of a JPEG file (ITU-T T.81, B.2), and the EXIF data in those before it.
+void find_jpeg_size(Cursor& cursor, std::int64_t& width, std::int64_t& height, std::span<const std::byte>& exif) {
   cursor.skip(2);
   while (true) {
     std::uint32_t marker = cursor.byte();
@@ -104,8 +85,7 @@ void find_jpeg_size(Cursor& cursor, std::int64_t& width, std::int64_t& height, i
       return;
     }
     const std::span<const std::byte> segment = cursor.take(length - 2);
-    if (marker == 0xE1 && orientation == 0 && text_of(segment).starts_with("Exif\0\0"sv))
-      orientation = orientation_in(segment.subspan(6));
+    if (marker == 0xE1 && exif.empty() && text_of(segment).starts_with("Exif\0\0"sv)) exif = segment.subspan(6);
   }
 }
 
@@ -129,7 +109,9 @@ ImageHeader read_image_header(std::span<const std::byte> bytes, const std::strin
   if (bytes.empty()) cursor.fail("an empty file");
   if (cursor.begins("\xFF\xD8\xFF"sv)) {
     header.format = "jpeg";
-    find_jpeg_size(cursor, width, height, header.orientation);
+    std::span<const std::byte> exif;
+    find_jpeg_size(cursor, width, height, exif);
+    if (!exif.empty()) header.orientation = Exif(exif).orientation();
   } else if (cursor.begins("\x89PNG\r\n\x1A\n"sv)) {
     header.format = "png";
     cursor.skip(16);  // signature, length and name of IHDR
@@ -161,14 +143,20 @@ ImageHeader read_image_header(std::span<const std::byte> bytes, const std::strin
   return header;
 }
 
-int read_orientation(std::span<const std::byte> head, std::span<const std::byte> tail) {
-  const ImageHeader header = read_image_header(head, "");
-  if (header.format == "png")  // in a chunk before the pixels or behind them
+Exif exif_of(std::span<const std::byte> head, std::span<const std::byte> tail) {
+  std::span<const std::byte> exif;
+  if (const std::string where; text_of(head).starts_with("\xFF\xD8\xFF"sv)) try {
+      Cursor cursor(head, where);
+      std::int64_t width = 0, height = 0;
+      find_jpeg_size(cursor, width, height, exif);
+    } catch (const Error&) {  // the size comes behind `head`; EXIF data come first
+    }
+  if (text_of(head).starts_with("\x89PNG"sv))  // in a chunk before the pixels or behind them
     for (const std::span<const std::byte> end : {head, tail})
       for (const std::string_view begin : {"eXIfII*\0"sv, "eXIfMM\0*"sv})
-        if (const std::size_t at = text_of(end).find(begin); at != std::string_view::npos)
-          return orientation_in(end.subspan(at + 4));
-  return std::max(header.orientation, 1);
+        if (const std::size_t at = text_of(end).find(begin); at != std::string_view::npos && exif.empty())
+          exif = end.subspan(at + 4);
+  return Exif(exif);
 }
 
 std::optional<std::string> image_fault(std::span<const std::byte> file) { return image_fault(file, file); }

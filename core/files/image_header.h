@@ -6,6 +6,8 @@
 #include <span>
 #include <string>
 
+#include "core/files/exif.h"
+
 namespace citylearn {
 
 /// Pictures with more pixels are refused when their header is read, before anything is allocated.
@@ -25,9 +27,9 @@ struct ImageHeader {
 /// its first 64 KiB (a JPEG's size may stand far behind its thumbnails: then the whole file is needed).
 ImageHeader read_image_header(std::span<const std::byte> bytes, const std::string& where);
 
-/// Returns how the pixels of a JPEG or PNG file are to be turned, by its EXIF orientation (1..8; 1: as they are), from
-/// its first bytes (as many as read_image_header() needs) and its last ones, in which a PNG may say it too.
-int read_orientation(std::span<const std::byte> head, std::span<const std::byte> tail);
+/// Returns the EXIF data of a JPEG or PNG file, from its first bytes (72 KiB have those of a JPEG) and its last ones,
+/// in which a PNG may have them too; these bytes must outlive the result. It tells nothing where there are none.
+Exif exif_of(std::span<const std::byte> head, std::span<const std::byte> tail);
 
 /// Returns why a whole image file is broken, as far as its structure shows without decoding it (an unreadable header,
 /// a JPEG without its end marker, a PNG without IEND); nothing when it looks complete.

@@ -13,15 +13,11 @@
 #include "env_service/dataset_io/places.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
+#include "env_service/files/times.h"
 #include "env_service/geometry/geometry.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
-namespace {
-
-constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-
-}  // namespace
 
 FolderDataset::FolderDataset(const std::string& dataset, const std::string& folder, const std::string& contents)
     : dataset_(dataset), folder_(folder) {
@@ -34,7 +30,7 @@ Traversal FolderDataset::load(const std::string& name) {
   traversal.condition = condition(name);
   if (std::any_of(traversal.positions.begin(), traversal.positions.end(), [](float x) { return std::isinf(x); }))
     throw Error("traversal '" + name + "' has places that are too far apart to measure", folder_, "mend its positions");
-  forget_impossible(traversal, folder_);
+  if (drives()) forget_impossible(traversal, folder_);
   return traversal;
 }
 
@@ -76,9 +72,9 @@ Traversal FolderDataset::pictured(const std::string& name, std::vector<std::stri
   return pictured(name, image_files(std::move(paths), folder_), where);
 }
 
-Traversal FolderDataset::filmed(const std::string& name, const std::string& video) const {
+Traversal FolderDataset::filmed(const std::string& name, const std::string& video, double* began) const {
   std::vector<double> times;
-  Traversal traversal = pictured(name, video_frames(video, folder_, &times), video);
+  Traversal traversal = pictured(name, video_frames(video, folder_, &times, began), video);
   traversal.times = std::move(times);
   return traversal;
 }
@@ -108,6 +104,7 @@ void locate(Traversal& traversal, const GpsRows& rows, double reach) {
       {checked.latitude, checked.longitude, rows.times, true, rows.log, "GPS fixes",
        [&](std::size_t row) { return fmt::format("{:.0f} s into the log", rows.times[row] - rows.times[0]); }, false});
   for (std::size_t row = 0; row < rows.times.size(); ++row) {
+    if (std::isnan(rows.latitude[row])) kept.add(rows.times[row], kUnknown, kUnknown);
     if (std::isnan(checked.latitude[row])) continue;
     // Nothing is known of the frames within a jump.
     if (std::find(jumps.begin(), jumps.end(), row) != jumps.end())

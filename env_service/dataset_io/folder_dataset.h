@@ -19,6 +19,8 @@ class FolderDataset : public Dataset {
 
  protected:
   virtual Traversal read(const std::string& name) = 0;
+  /// Returns whether frames follow each other on a drive, so that places which no vehicle can have reached are faults.
+  virtual bool drives() const { return true; }
 
   /// Throws Error unless `name` is among names().
   void require_known(const std::string& name);
@@ -35,8 +37,8 @@ class FolderDataset : public Dataset {
   Traversal pictured(const std::string& name, std::shared_ptr<Images> images, const std::string& where) const;
   /// Returns a traversal of image files.
   Traversal pictured(const std::string& name, std::vector<std::string> paths, const std::string& where) const;
-  /// Returns the traversal of a video, with the times of its frames.
-  Traversal filmed(const std::string& name, const std::string& video) const;
+  /// Returns the traversal of a video, with the times of its frames. `began` as video_frames() has it.
+  Traversal filmed(const std::string& name, const std::string& video, double* began = nullptr) const;
   /// Returns the traversal of a folder of numbered pictures, or of a video.
   Traversal recorded(const std::string& name, const std::string& path) const;
 
@@ -61,8 +63,9 @@ struct GpsRows {
   /// Returns whether `time` is before the last row's.
   bool falls(double time) const { return !times.empty() && time < times.back(); }
 };
-/// Gives the frames latitude, longitude and positions at their times, up to `reach` seconds beyond the log. Ignores
-/// fixes that no vehicle can have reached, as rows that were copied from another log, and says so in one warning.
+/// Gives the frames latitude, longitude and positions at their times, up to `reach` seconds beyond the log, and none
+/// between rows of unknown place. Ignores fixes that no vehicle can have reached, as rows that were copied from another
+/// log, and says so in one warning.
 void locate(Traversal& traversal, const GpsRows& rows, double reach);
 /// Reads "latitude, longitude" in degrees (further columns are skipped; the separator is a comma or blanks; a first row
 /// of words is a header). 0, 0 is not a fix. Throws Error naming the line where a field is not a number or out of

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -12,7 +14,9 @@
 #include "core/util/text.h"
 #include "env_service/dataset_io/features.h"
 #include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/photographs.h"
 #include "env_service/dataset_io/poses.h"
+#include "env_service/dataset_io/tracks.h"
 #include "env_service/files/files.h"
 
 namespace citylearn {
@@ -22,17 +26,19 @@ namespace fs = std::filesystem;
 
 const std::string kMatches = "matches.csv";
 const std::string kPoses = ".poses.csv";
-constexpr int kPictureDepth = 3;  // folders below that of a traversal in which its pictures may lie
+constexpr double kTrackReach = 1;  // seconds beyond a track in which its ends still hold: receivers tell one a second
+constexpr int kPictureDepth = 3;   // folders below that of a traversal in which its pictures may lie
 
 /// Your own traversals. Each is one of
 ///   NAME.csv           features: a frame a line, separated by commas, no header
 ///   NAME/              a folder of pictures, or that holds one with them, in the order of pictures_in()
 ///   NAME.mp4, .avi ... a video
-/// Beside it NAME.poses.csv (or NAME/poses.csv) may say where frames are, and matches.csv which frames of two
-/// traversals are the same place (poses.h).
+/// Where frames are, says the first of these that is there: NAME.poses.csv (or NAME/poses.csv) beside it (poses.h), a
+/// track NAME.gpx, .nmea, .kml or .geojson, the pictures' EXIF data, or the only track of the folder. matches.csv says
+/// which frames of two traversals are the same place.
 class Plain : public FolderDataset {
  public:
-  Plain(const std::string& folder, const Parameters&) : Plain("plain", folder) {}
+  Plain(const std::string& folder, const Parameters& parameters) : Plain("plain", folder, parameters["clock-offset"]) {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> names;
@@ -51,34 +57,114 @@ class Plain : public FolderDataset {
   }
 
  protected:
-  Plain(const std::string& dataset, const std::string& folder) : FolderDataset(dataset, folder, "NAME.csv files") {}
+  Plain(const std::string& dataset, const std::string& folder, double clock_offset)
+      : FolderDataset(dataset, folder, "NAME.csv files"), clock_offset_(clock_offset) {}
 
  private:
   Traversal read(const std::string& name) override {
     const std::string path = sources().at(name);
-    Traversal traversal = is_folder(path)                 ? photographed(name, path)
+    double began = std::nan("");  // when the clock of the frames' times was 0
+    Traversal traversal = is_folder(path)                 ? photographed(name, path, began)
                           : lower(path).ends_with(".csv") ? featured(name, path)
-                                                          : filmed(name, path);
+                                                          : filmed(name, path, &began);
     const std::string inside = folder_ + "/" + name + "/poses.csv";
     std::string beside;
     for (const std::string& file : files_in(folder_, {kPoses}))
       if (file.starts_with(name) && file.size() == name.size() + kPoses.size()) beside = folder_ + "/" + file;
     const bool is_beside = !beside.empty(), is_inside = is_file(inside);
     if (is_beside && is_inside) throw Error("there is " + inside + " too", beside, "remove one of them");
-    if (is_beside || is_inside) read_poses(is_beside ? beside : inside, traversal);
+    if (is_beside || is_inside) {
+      traversal.places_from = path_below(is_beside ? beside : inside, folder_);
+      read_poses(is_beside ? beside : inside, traversal);
+      return traversal;
+    }
+    if (traversal.times.empty()) return traversal;
+    const std::vector<std::string> tracks = files_in(folder_, track_suffixes());
+    for (const std::string& suffix : track_suffixes())
+      for (const std::string& track : tracks)
+        if (lower(track).ends_with(suffix) && lower(stem_of(track)) == lower(name)) {
+          follow(traversal, track, began);
+          return traversal;
+        }
+    if (tracks.size() == 1 && traversal.places_from.empty()) try {
+        follow(traversal, tracks[0], began);
+      } catch (const Error& error) {  // it may be another drive's
+        spdlog::warn("{}: {}", name, error.what());
+      }
     return traversal;
   }
 
-  /// Returns the pictures of a folder, or of the only folder below it that has any.
-  Traversal photographed(const std::string& name, const std::string& path) const {
+  /// Gives the frames their places on a track, by time. Throws Error where nothing says which frame was where.
+  void follow(Traversal& traversal, const std::string& track, double began) const {
+    const std::string path = folder_ + "/" + track;
+    GpsRows rows = read_track(path, std::isnan(began) ? 0 : began + traversal.times[0] + clock_offset_);
+    if (std::isnan(began) && clock_offset_ == 0)
+      throw Error(
+          "nothing says which time of it is that of the first frame of " + traversal.name, path,
+          "give --plain-clock-offset, the seconds from its first point to second 0 of the frames (not 0: .001)");
+    const double zero =
+        (std::isnan(began) ? rows.times[0] : began) + clock_offset_;  // of the frames, on the track's clock
+    for (double& time : rows.times) time -= zero;
+    const std::vector<double>& times = traversal.times;
+    if (times.back() < rows.times.front() || times[0] > rows.times.back()) {
+      std::vector<double> zones;  // those in which it would be of the same time
+      for (double zone = -14 * 3600; zone <= 14 * 3600; zone += 3600)
+        if (rows.times.front() - kTrackReach <= times[0] + zone &&
+            times.back() + zone <= rows.times.back() + kTrackReach)
+          zones.push_back(clock_offset_ + zone);
+      const std::string remedy =
+          zones.size() == 1 ? fmt::format("is one clock in another zone? Then give --plain-clock-offset {}", zones[0])
+                            : "move it away, or give --plain-clock-offset";
+      throw Error(fmt::format("is of another time than {}: from {:.0f} to {:.0f} s of its clock", traversal.name,
+                              rows.times.front(), rows.times.back()),
+                  path, remedy);
+    }
+    locate(traversal, rows, kTrackReach);
+    traversal.places_from = track;
+    const auto outside = std::count_if(traversal.latitude.begin(), traversal.latitude.end(),
+                                       [](double degrees) { return std::isnan(degrees); });
+    if (outside > 0)
+      spdlog::warn("{}: tells no place of {} of {} frames of {}", path, outside, traversal.frames, traversal.name);
+  }
+
+  /// Returns the pictures of a folder, or of the only folder below it that has any: by time, where they tell theirs.
+  Traversal photographed(const std::string& name, const std::string& path, double& began) const {
     const std::vector<std::string> folders = picture_folders(path, kPictureDepth);
     if (folders.size() > 1 && folders[0] != path)
       throw Error("has pictures in " + path_below(folders[0], path) + " and in " + path_below(folders[1], path), path,
                   "leave one of them; or give a folder below with --data");
     if (folders.size() > 1) spdlog::warn("{}: pictures in {} are not read", path, path_below(folders[1], path));
-    std::vector<std::string> paths = pictures_in(folders[0]);
-    for (std::string& file : paths) file.insert(0, folders[0] + "/");
-    return pictured(name, std::move(paths), path);
+    std::map<std::string, std::pair<Taken, double>> known;  // of each file, with its time in UTC
+    std::vector<std::string> paths = pictures_in(folders[0], [&](const std::vector<std::string>& files) {
+      std::vector<Taken> taken;
+      for (const std::string& file : files) taken.push_back(read_taken(folders[0] + "/" + file));
+      std::vector<double> times = utc_of(taken, path);
+      for (std::size_t i = 0; i < files.size(); ++i) known[files[i]] = {taken[i], times[i]};
+      return times;
+    });
+    std::vector<double> times, latitude, longitude;
+    std::size_t timed = 0, located = 0;
+    for (std::string& file : paths) {
+      const auto& [taken, time] = known[file];
+      times.push_back(time);
+      latitude.push_back(taken.latitude);
+      longitude.push_back(taken.longitude);
+      timed += std::isfinite(time);
+      located += std::isfinite(taken.latitude);
+      file.insert(0, folders[0] + "/");
+    }
+    Traversal traversal = pictured(name, std::move(paths), path);
+    if (timed == times.size() && std::is_sorted(times.begin(), times.end())) {
+      traversal.times = std::move(times);
+      began = 0;
+    }
+    if (located == 0) return traversal;
+    if (located < latitude.size())
+      spdlog::warn("{}: {} of {} pictures do not say where they were taken", path, latitude.size() - located,
+                   latitude.size());
+    locate(traversal, std::move(latitude), std::move(longitude));
+    traversal.places_from = "EXIF";
+    return traversal;
   }
 
   Traversal featured(const std::string& name, const std::string& path) const {
@@ -126,12 +212,14 @@ class Plain : public FolderDataset {
                   "--data names the folder above, in which each folder is a traversal");
     return found;
   }
+
+  const double clock_offset_;  ///< seconds
 };
 
 /// A robot on a route that it was taught, which is a traversal of Plain.
 class Live : public Plain {
  public:
-  Live(const std::string& folder, const Parameters&) : Plain(kLive, folder) {}
+  Live(const std::string& folder, const Parameters&) : Plain(kLive, folder, 0) {}
 };
 
 const DatasetRegistry::Registration live_registration({
@@ -147,8 +235,11 @@ const DatasetRegistry::Registration live_registration({
 const DatasetRegistry::Registration plain_registration({
     "plain",
     "a folder (--data) of traversals: NAME.csv (one frame a line, comma-separated features, no header), a folder NAME "
-    "of pictures, or a video NAME.mp4; NAME.poses.csv and matches.csv may give places",
-    {},
+    "of pictures, or a video NAME.mp4; NAME.poses.csv, a track NAME.gpx, EXIF data and matches.csv may give places",
+    {{"clock-offset",
+      "seconds by which a track's clock is ahead of the frames'; of films that do not say when they began: from the "
+      "track's first point to second 0",
+      0, -1e9, 1e9}},
     open_folder<Plain>,
     {},
     {{"paper", "none"}, {"address", "your own recordings"}, {"licence", "yours"}, {"size", "any"}},

@@ -83,16 +83,15 @@ std::string path_below(const std::string& path, const std::string& root) {
 }
 
 const std::vector<std::string>& image_suffixes() {
-  static const std::vector<std::string> suffixes{".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".bmp",
-                                                 ".dib", ".pgm",  ".ppm", ".pbm",  ".pnm"};
+  static const std::vector<std::string> suffixes{".jpg", ".jpeg", ".jpe", ".jfif", ".png",  ".bmp",  ".dib",
+                                                 ".pgm", ".ppm",  ".pbm", ".pnm",  ".heic", ".heif", ".hif"};
   return suffixes;
 }
 
 const std::vector<std::string>& unread_image_suffixes() {
-  static const std::vector<std::string> suffixes{".tif", ".tiff", ".webp", ".heic", ".heif", ".hif", ".avif",
-                                                 ".gif", ".jp2",  ".j2k",  ".jxl",  ".exr",  ".hdr", ".pfm",
-                                                 ".dng", ".cr2",  ".cr3",  ".nef",  ".arw",  ".orf", ".rw2",
-                                                 ".raf", ".pef",  ".srw",  ".raw",  ".tga",  ".mpo", ".ras"};
+  static const std::vector<std::string> suffixes{
+      ".tif", ".tiff", ".webp", ".avif", ".gif", ".jp2", ".j2k", ".jxl", ".exr", ".hdr", ".pfm", ".dng", ".cr2",
+      ".cr3", ".nef",  ".arw",  ".orf",  ".rw2", ".raf", ".pef", ".srw", ".raw", ".tga", ".mpo", ".ras"};
   return suffixes;
 }
 

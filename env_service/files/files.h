@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -18,10 +19,14 @@ std::vector<std::string> files_in(const std::string& folder, const std::vector<s
 std::vector<std::string> folders_in(const std::string& folder);
 /// Returns the paths of `folder` and of those up to `depth` below it that hold pictures, also such as cannot be read.
 std::vector<std::string> picture_folders(const std::string& folder, int depth);
-/// Returns the names of a folder's pictures in the order of the recording: natural, or by number where names differ in
-/// one decimal number ("9.5" before "10.25"). Warns where names give no order. Throws Error naming files when pictures
-/// of other kinds would be left out, two have one name, or a counter seems to have wrapped.
-std::vector<std::string> pictures_in(const std::string& folder);
+/// Returns when pictures, given by name, were taken: seconds of one clock, NaN where that is not known.
+using PictureTimes = std::function<std::vector<double>(const std::vector<std::string>& names)>;
+/// Returns the names of a folder's pictures in the order of the recording: by time where `times` tells all of them, and
+/// by name where times are equal or none are told. Names are in natural order, or by number where they differ in one
+/// decimal number ("9.5" before "10.25"). Leaves out copies ("1 (1).jpg") of pictures, with a warning, and warns where
+/// nothing gives an order. Throws Error naming files when pictures of other kinds would be left out, two have one name,
+/// or a counter seems to have wrapped and times do not say so.
+std::vector<std::string> pictures_in(const std::string& folder, const PictureTimes& times = {});
 /// Suffixes of files that image_files() reads, of pictures that it does not, and of those that video_frames() reads.
 const std::vector<std::string>& image_suffixes();
 const std::vector<std::string>& unread_image_suffixes();

@@ -5,11 +5,17 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cmath>
+#include <filesystem>
 #include <numeric>
+#include <regex>
 #include <set>
+#include <unordered_map>
 #include <unordered_set>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
+#include "core/util/text.h"
 #include "env_service/files/files.h"
 
 namespace citylearn {
@@ -83,6 +89,34 @@ bool without_order(const Names& names, const Numbers& numbers) {
          (numbers[0] >= 1e13L && numbers.back() > 2 * numbers[0]);
 }
 
+bool is_heif_name(const std::string& file) {
+  const std::string suffix = lower(std::filesystem::path(file).extension().string());
+  return suffix == ".heic" || suffix == ".heif" || suffix == ".hif";
+}
+
+/// Removes files that hold the same bytes as the one whose name theirs is made of, as programs name copies.
+void leave_out_copies(const std::string& folder, Names& files) {
+  static const std::regex form("(.+?)( ?\\([0-9]+\\)|[ _-]+[Cc]opy( ?\\(?[0-9]+\\)?)?)");
+  std::unordered_map<std::string, std::string> named;  // files by stem
+  for (const std::string& file : files) named.emplace(stem_of(file), file);
+  Names copies;
+  for (const auto& [stem, file] : named) {
+    std::smatch parts;
+    if (!std::regex_match(stem, parts, form)) continue;
+    const auto original = named.find(parts[1]);
+    std::error_code ignored;
+    if (original == named.end()) continue;
+    const std::string copy = below(folder, file), of = below(folder, original->second);
+    if (std::filesystem::file_size(copy, ignored) == std::filesystem::file_size(of, ignored) &&
+        read_file(copy) == read_file(of))
+      copies.push_back(file);
+  }
+  if (copies.empty()) return;
+  std::sort(copies.begin(), copies.end());
+  spdlog::warn("{}: {} pictures are copies of others and left out, the first {}", folder, copies.size(), copies[0]);
+  std::erase_if(files, [&](const std::string& file) { return std::binary_search(copies.begin(), copies.end(), file); });
+}
+
 }  // namespace
 
 Names picture_folders(const std::string& folder, int depth) {
@@ -94,38 +128,68 @@ Names picture_folders(const std::string& folder, int depth) {
   return found;
 }
 
-Names pictures_in(const std::string& folder) {
+Names pictures_in(const std::string& folder, const PictureTimes& times_of) {
   Names files = files_in(folder, image_suffixes()), stems, unread = files_in(folder, unread_image_suffixes());
-  std::transform(files.begin(), files.end(), std::back_inserter(stems), stem_of);
-  const std::unordered_set<std::string> read(stems.begin(), stems.end());
-  std::erase_if(unread, [&](const std::string& file) { return read.contains(stem_of(file)); });  // the same picture
+  std::unordered_set<std::string> read;
+  for (const std::string& file : files)
+    if (!is_heif_name(file)) read.insert(stem_of(file));
+  const auto twice = [&](const std::string& file) { return read.contains(stem_of(file)); };  // the same picture
+  std::erase_if(files, [&](const std::string& file) { return is_heif_name(file) && twice(file); });
+  std::transform(files.begin(), files.end(), std::inserter(read, read.end()), stem_of);
+  std::erase_if(unread, twice);
   if (!unread.empty())
     throw Error("has pictures of kinds that are not read: " + unread.front() +
                     (unread.size() > 1 ? " and " + std::to_string(unread.size() - 1) + " more" : ""),
                 folder, "convert them to PNG or JPEG, or move them away");
+  leave_out_copies(folder, files);
   if (files.size() < 2) return files;
+  std::transform(files.begin(), files.end(), std::back_inserter(stems), stem_of);
   for (std::size_t i = 1; i < files.size(); ++i)
     if (stems[i] == stems[i - 1])
       throw Error(files[i - 1] + " and " + files[i] + " have one name", folder, "move one of them away");
+
+  std::vector<double> times(files.size(), std::nan(""));
+  if (times_of) times = times_of(files);
+  const auto untimed =
+      static_cast<std::size_t>(std::count_if(times.begin(), times.end(), [](double time) { return std::isnan(time); }));
   Names texts;
   const Numbers numbers = varying_numbers(stems, texts);
-  if (!std::is_sorted(numbers.begin(), numbers.end())) {
-    if (may_be_two_counters(texts))
+  std::vector<std::size_t> order(files.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::size_t wrapped = 0;
+  const bool by_number = !std::is_sorted(numbers.begin(), numbers.end());
+  if (by_number) {
+    if (untimed > 0 && may_be_two_counters(texts))
       throw Error("the numbers from " + files.front() + " to " + files.back() + " may be decimals or two counters",
                   folder, "rename the files, with as many digits behind each point");
-    std::vector<std::size_t> order(files.size());
-    std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return numbers[a] < numbers[b]; });
-    std::transform(order.begin(), order.end(), stems.begin(), [&](auto i) { return files[i]; });
-    return stems;
+  } else {
+    wrapped = begin_of_wrapped_counter(texts, numbers);
+    std::rotate(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(wrapped), order.end());
   }
-  if (const std::size_t begin = begin_of_wrapped_counter(texts, numbers))
-    throw Error("the counter seems to have begun anew: " + files.front() + " would come before " + files[begin], folder,
+  bool told = false;  // whether times say that this order is right
+  if (untimed == 0) {
+    std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return times[a] < times[b]; });
+    told = times[order.front()] < times[order.back()];
+  } else if (untimed * 2 <= files.size()) {
+    std::vector<std::size_t> timed = order;
+    std::erase_if(timed, [&](auto i) { return std::isnan(times[i]); });
+    told = std::is_sorted(timed.begin(), timed.end(), [&](auto a, auto b) { return times[a] < times[b]; });
+    if (!told)
+      spdlog::warn(
+          "{}: {} of {} pictures have no time, and names do not follow the times of the others; names order them",
+          folder, untimed, files.size());
+  }
+  if (wrapped > 0 && !told)
+    throw Error("the counter seems to have begun anew: " + files.front() + " would come before " + files[wrapped],
+                folder,
                 "rename those behind " + files.back() + " so that numbers go on, as " + texts[0] + " to 1" + texts[0]);
-  if (without_order(stems, numbers))
+  if (!told && !by_number && without_order(stems, numbers))
     spdlog::warn("{}: the names of its pictures give no order ({}, {} ...); number them as they were recorded", folder,
                  files[0], files[1]);
-  return files;
+  Names ordered;
+  for (const std::size_t i : order) ordered.push_back(files[i]);
+  return ordered;
 }
 
 }  // namespace citylearn

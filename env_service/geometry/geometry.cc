@@ -89,6 +89,31 @@ std::vector<float> metres_along_plane(const std::vector<double>& x, const std::v
   });
 }
 
+LatLon from_utm(double easting, double northing, int zone, bool north) {
+  // Krueger's series in the third flattening n, to its third order (Karney, Transverse Mercator with an accuracy of a
+  // few nanometers, 2011, equations 11, 14 and 36); latitude from the conformal one by Newton's method (equations 19 to
+  // 21).
+  constexpr double a = 6378137, f = 1 / 298.257223563, n = f / (2 - f);
+  constexpr double radius = a / (1 + n) * (1 + n * n / 4 + n * n * n * n / 64) * 0.9996;
+  constexpr double beta[] = {n / 2 - 2 * n * n / 3 + 37 * n * n * n / 96, n * n / 48 + n * n * n / 15,
+                             17 * n * n * n / 480};
+  const double xi = (northing - (north ? 0 : 1e7)) / radius, eta = (easting - 500'000) / radius;
+  double x = xi, y = eta;
+  for (int j = 1; j <= 3; ++j) {
+    x -= beta[j - 1] * std::sin(2 * j * xi) * std::cosh(2 * j * eta);
+    y -= beta[j - 1] * std::cos(2 * j * xi) * std::sinh(2 * j * eta);
+  }
+  const double e2 = f * (2 - f), e = std::sqrt(e2), wanted = std::sin(x) / std::hypot(std::sinh(y), std::cos(x));
+  double tangent = wanted;
+  for (int i = 0; i < 5; ++i) {
+    const double secant = std::hypot(1, tangent), sigma = std::sinh(e * std::atanh(e * tangent / secant));
+    const double now = tangent * std::hypot(1, sigma) - sigma * secant;
+    tangent += (wanted - now) / std::hypot(1, now) * (1 + (1 - e2) * tangent * tangent) / ((1 - e2) * secant);
+  }
+  const double east = std::atan2(std::sinh(y), std::cos(x)) / kDegree + 6 * zone - 183;
+  return {std::atan(tangent) / kDegree, std::remainder(east, 360)};
+}
+
 std::vector<double> interpolate(const std::vector<double>& times, const std::vector<double>& values,
                                 const std::vector<double>& at, double reach) {
   std::vector<double> found(at.size(), std::numeric_limits<double>::quiet_NaN());

@@ -16,6 +16,13 @@ std::vector<float> metres_along_plane(const std::vector<double>& x, const std::v
 /// Metres between two points of the earth.
 double metres_between(double latitude_a, double longitude_a, double latitude_b, double longitude_b);
 
+/// A place on the earth, degrees (WGS 84).
+struct LatLon {
+  double latitude, longitude;
+};
+/// Returns the place of UTM coordinates (metres) of a zone 1..60 in the north or the south, to the millimetre.
+LatLon from_utm(double easting, double northing, int zone, bool north);
+
 /// Returns the values at `at`, linear between the samples (times must not fall; of equal ones the later counts). NaN
 /// outside of them by more than `reach` seconds; within it the nearest sample.
 std::vector<double> interpolate(const std::vector<double>& times, const std::vector<double>& values,

@@ -20,6 +20,7 @@
 #include "core/util/error.h"
 #include "core/util/sha256.h"
 #include "env_service/files/files.h"
+#include "env_service/images/heif.h"
 
 namespace citylearn {
 namespace {
@@ -68,10 +69,10 @@ class File {
   std::size_t size_ = 0;
 };
 
-/// Makes a file whose EXIF orientation is 2..8 one whose pixels lie upright.
+/// Makes a file whose EXIF orientation is 2..8, or that is HEIF, one whose pixels lie upright.
 void turn_upright(Bytes& bytes, int orientation, const std::string& name) {
   constexpr int kMirrored[] = {2, 1, -1, 0, 2, 1, -1, 0};  // cv::flip()'s code, after transposition from 5 on; 2: none
-  cv::Mat picture = decode_image(bytes, name);
+  cv::Mat picture = is_heif(bytes) ? decode_heif(bytes, name) : decode_image(bytes, name);
   if (orientation >= 5) cv::transpose(picture, picture);
   if (const int code = kMirrored[orientation - 1]; code != 2) cv::flip(picture, picture, code);
   encode_png(picture, bytes);
@@ -122,12 +123,14 @@ class ImageFiles : public Images {
     if (file.size() > kMaxImageBytes)
       throw Error("larger than " + std::to_string(kMaxImageBytes >> 20) + " MiB", path, "shrink the picture");
     file.read(0, file.size(), bytes);
-    if (const auto reason = image_fault(bytes)) throw Error(*reason, path);
+    const bool heif = is_heif(bytes);
+    if (const auto reason = heif ? std::nullopt : image_fault(bytes)) throw Error(*reason, path);
     const std::span<const std::byte> all(bytes);
     const std::size_t head = std::min(all.size(), kSampledBytes), tail = std::min(all.size() - head, kSampledBytes);
     if (fingerprint_of(all.size(), all.first(head), all.last(tail)) != at(frame).fingerprint)
       throw Error("has changed since this traversal was opened", path, "restart what reads it");
-    if (const auto turned = turned_.find(frame); turned != turned_.end()) turn_upright(bytes, turned->second, path);
+    const auto turned = turned_.find(frame);
+    if (heif || turned != turned_.end()) turn_upright(bytes, heif ? 1 : turned->second, path);
   }
 
  private:
@@ -162,6 +165,7 @@ class ImageFiles : public Images {
       file.read(file.size() - rest, rest, tail);
       fingerprint = fingerprint_of(file.size(), head, tail);
       if (file.size() > kMaxImageBytes) return "larger than " + std::to_string(kMaxImageBytes >> 20) + " MiB";
+      if (is_heif(head)) return heif_fault(head, file.size());
       const std::size_t last = std::min(file.size(), kSampledBytes);
       file.read(file.size() - last, last, tail);
       std::optional<std::string> reason = image_fault(head, tail);
@@ -170,7 +174,7 @@ class ImageFiles : public Images {
         reason = image_fault(head);
         if (head.capacity() > (std::size_t{1} << 20)) Bytes().swap(head);
       }
-      if (!reason) orientation = read_orientation(head, tail);
+      if (!reason) orientation = exif_of(head, tail).orientation();
       return reason.value_or("");
     } catch (const Error& error) {
       const std::string text = error.what();  // without the path, which name() gives

@@ -14,16 +14,18 @@ class Mat;
 
 namespace citylearn {
 
-/// Images of one file a frame. Looks at each file's first and last bytes at once, for its fingerprint and fault(), and
-/// turns those upright that have an EXIF orientation; no other reader turns pictures.
+/// Images of one file a frame, of which HEIF files are read as PNG. Looks at each file's first and last bytes at once,
+/// for its fingerprint and fault(), and turns those upright that have an EXIF orientation, HEIF by its own turns alone;
+/// no other reader turns pictures.
 /// `paths` may name files that are missing: those have a fault. `root` is what names leave out.
 std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::string& root);
 
 /// Every picture of a video in the order in which they are shown, as PNG, upright, in the colours that its tags say.
 /// Forward reads are quick, others seek. Reads the whole file once, for its index. `times` (when given) becomes the
-/// pictures' times in seconds; empty when the video does not tell. Throws Error when the video is broken or cut short.
+/// pictures' times in seconds; empty when the video does not tell. `began` becomes the moment of second 0, in seconds
+/// since 1970 in UTC, by the film's own word; NaN when it has none. Throws Error when the video is broken or cut short.
 std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root,
-                                     std::vector<double>* times = nullptr);
+                                     std::vector<double>* times = nullptr, double* began = nullptr);
 
 /// `images` with something done to each picture (8-bit; 1 or 3 channels, BGR): demosaicing, a crop. `recipe` names it
 /// with all its numbers and becomes part of the fingerprint.

@@ -17,6 +17,7 @@ extern "C" {
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"
+#include "env_service/files/times.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/images/video_picture.h"
 
@@ -140,6 +141,16 @@ class VideoTrack {
                 name_, "copy it again, or keep what is there: ffmpeg -i FILE NEW.mp4");
   }
 
+  /// Returns when the film says that it began; NaN where it does not. Clocks that were never set begin before 1990.
+  double began() const {
+    for (const AVDictionary* told : {format_->metadata, stream_->metadata})
+      for (const char* const name : {"com.apple.quicktime.creationdate", "creation_time"})
+        if (const AVDictionaryEntry* const entry = av_dict_get(told, name, nullptr, 0))
+          if (const double time = read_moment(entry->value).utc(); time > read_moment("1990-01-01").seconds)
+            return time;
+    return std::nan("");
+  }
+
   /// Logs what was decided where a film leaves a choice.
   void warn_of_choices() const {
     if (tracks_ > 1)
@@ -233,11 +244,12 @@ class VideoTrack {
 /// Frames of a video. The decoder opens with the first picture asked for, so that a dataset of many videos keeps none.
 class VideoFrames : public Images {
  public:
-  VideoFrames(const std::string& path, const std::string& root, std::vector<double>* times)
+  VideoFrames(const std::string& path, const std::string& root, std::vector<double>* times, double* began)
       : path_(std::filesystem::absolute(path).string()), name_(path_below(path, root)) {
     refuse_special_file(path_);
     std::vector<double> found = read_index();
     if (times) *times = std::move(found);
+    if (began) *began = track_->began();
     track_.reset();
   }
 
@@ -459,8 +471,9 @@ class VideoFrames : public Images {
 
 }  // namespace
 
-std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root, std::vector<double>* times) {
-  return std::make_shared<VideoFrames>(path, root, times);
+std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root, std::vector<double>* times,
+                                     double* began) {
+  return std::make_shared<VideoFrames>(path, root, times, began);
 }
 
 }  // namespace citylearn

@@ -34,6 +34,7 @@ ELSEWHERE = {
     "./run data info DIR --kitti-camera": "tests/unit/env_service",
     "./run data info BAGS": "tests/unit/env_service",
     "./run demo --data BAGS": "takes recordings that not everybody has",
+    "./run data info DIR --plain-clock-offset": "tests/unit/env_service",
     "./run demo --dataset": "takes recordings that not everybody has",
     "encoder_service --id encoder-a --encoder netvlad": "tests/system/encoder_test.cc",
     "encoder_service --id encoder-b --encoder netvlad": "tests/system/encoder_test.cc",

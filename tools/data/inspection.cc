@@ -78,6 +78,7 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   for (const std::string& name : dataset.names()) try {
       taken.insert(name + ".poses.csv");
       traversals.push_back(dataset.load(name));
+      taken.insert(traversals.back().places_from);
       all += traversals.back().frames;
       traversals.back().features = {};  // they were checked as they were read
       const LeftOut left_out = dataset.left_out(name);
@@ -99,6 +100,12 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
       if (!progress(++inspection.frames, all)) return inspection;
     }
   find_left_out(folder, taken, !dataset.distinctive(), inspection);
+  const auto [least, most] =
+      std::minmax_element(traversals.begin(), traversals.end(), [](auto& a, auto& b) { return a.frames < b.frames; });
+  if (least != most && least->frames != most->frames && dataset.correspondence() == Correspondence::kIndex)
+    inspection.notes.push_back(least->name + " has " + std::to_string(least->frames) + " frames and " + most->name +
+                               " " + std::to_string(most->frames) +
+                               ": frames of equal index must show the same place, or be matched with --align-by");
   return inspection;
 }
 
@@ -121,6 +128,7 @@ Summary summarise(Dataset& dataset, const std::string& name) {
       }
     if (known > 0) summary.metres = most - least;
     if (known > 1) summary.mean_step = summary.metres / (known - 1);
+    summary.places = traversal.places_from;
     summary.gps =
         std::any_of(traversal.latitude.begin(), traversal.latitude.end(), [](double x) { return !std::isnan(x); });
     if (!traversal.images) return summary;
@@ -144,14 +152,17 @@ Summary summarise(Dataset& dataset, const std::string& name) {
 std::string to_table(const std::vector<Summary>& summaries) {
   const std::size_t names = 2;  // columns of names, which stand left; figures stand right
   std::vector<std::vector<std::string>> rows = {
-      {"traversal", "condition", "frames", "metres", "step m", "GPS", "pixels", "features", "bad"}};
+      {"traversal", "condition", "frames", "metres", "step m", "places", "pixels", "features", "bad"}};
   for (const Summary& one : summaries) {
     if (!one.error.empty()) {
       rows.push_back({one_line(one.name), "cannot be loaded: " + one.error});
       continue;
     }
     rows.push_back({one_line(one.name), one_line(one.condition), std::to_string(one.frames), fixed(one.metres, 0),
-                    fixed(one.mean_step, 2), one.gps ? "yes" : "no",
+                    fixed(one.mean_step, 2),
+                    !one.places.empty() ? one_line(one.places)
+                    : one.gps           ? "yes"
+                                        : "no",
                     one.width ? std::to_string(one.width) + "x" + std::to_string(one.height) : "-",
                     one.dimension ? std::to_string(one.dimension) : "-", std::to_string(one.bad_frames)});
   }
@@ -180,8 +191,11 @@ std::string to_json(const std::string& dataset, const Inspection& inspection) {
     }
     faults.push_back(json);
   }
-  return dumped(
-      {{"dataset", dataset}, {"frames", inspection.frames}, {"faults", faults}, {"left_out", inspection.left_out}});
+  return dumped({{"dataset", dataset},
+                 {"frames", inspection.frames},
+                 {"faults", faults},
+                 {"left_out", inspection.left_out},
+                 {"notes", inspection.notes}});
 }
 
 std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries) {
@@ -196,6 +210,7 @@ std::string to_json(const std::string& dataset, const std::vector<Summary>& summ
                        {"metres", number(one.metres)},
                        {"mean_step", number(one.mean_step)},
                        {"gps", one.gps},
+                       {"places", one.places},
                        {"width", one.width},
                        {"height", one.height},
                        {"dimension", one.dimension},

@@ -21,6 +21,7 @@ struct Inspection {
   long frames = 0;  ///< looked at
   std::vector<Fault> faults;
   std::vector<std::string> left_out;  ///< lines on files that are not taken, on purpose
+  std::vector<std::string> notes;     ///< lines on what may be meant or not, and is no fault
 };
 
 /// Loads every traversal of the dataset in `folder`, decodes every frame, and looks for files that are not taken: of
@@ -37,6 +38,8 @@ struct Summary {
   double metres = 0;                                     ///< length of the route, NaN when unknown
   double mean_step = 0;                                  ///< metres between frames, NaN when unknown
   bool gps = false;
+  std::string
+      places;  ///< what tells where frames are: a file, "EXIF", "names"; empty: unknown, or as the dataset has it
   std::string error;  ///< why it cannot be loaded
 };
 Summary summarise(Dataset& dataset, const std::string& name);

@@ -74,6 +74,7 @@ int check(CommandLine& line) {
                             (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) +
                             ": " + fault.what)
                 << "\n";
+    for (const std::string& note : inspection.notes) std::cout << one_line(note) << "\n";
     for (const std::string& kind : inspection.left_out) std::cout << one_line("left out: " + kind) << "\n";
     std::cout << name << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad\n";
   }

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <map>
 
 #include "env_service/files/files.h"
 #include "tests/support/files.h"
@@ -50,7 +52,7 @@ TEST(Pictures, NumbersAreSortedAsNumbers) {
 TEST(Pictures, OtherKindsAreNotLeftOut) {
   EXPECT_TRUE(contains(Listing({"0.jpg", "1.tif", "2.WEBP", "3.jpg"}).error,
                        ": has pictures of kinds that are not read: 1.tif and 1 more (convert"));
-  EXPECT_TRUE(contains(Listing({"0.heic", "1.heic"}).error, "not read: 0.heic and 1 more"));
+  EXPECT_EQ(Listing({"0.heic", "0.jpg", "1.HEIC"}).files, (Names{"0.jpg", "1.HEIC"}));
   // Raw beside its JPEG is the same picture; AppleDouble, thumbnails and notes are no pictures.
   EXPECT_EQ(Listing({"0.jpg", "0.dng", "1.jpg", "1.heic", "._0.tif", "Thumbs.db", "0.xmp", "notes.txt"}).files,
             (Names{"0.jpg", "1.jpg"}));
@@ -71,6 +73,42 @@ TEST(Pictures, ACounterThatWrappedIsRefused) {
         Names{"000.jpg", "001.jpg", "002.jpg", "900.jpg", "901.jpg", "1000.jpg"}, Names{"0.jpg", "1.jpg", "99.jpg"},
         Names{"000.jpg", "450.jpg", "900.jpg"}, Names{"IMG_9998.jpg", "IMG_9999.jpg", "IMG_10001.jpg"}})
     EXPECT_EQ(Listing(names).files, names);
+}
+
+TEST(Pictures, TimesOrderNames) {
+  const auto order = [](const std::map<std::string, double>& times) {
+    const Folder folder;
+    for (const auto& [name, time] : times) make_file(folder / name, name);
+    Names files;
+    const std::string error = error_of([&] {
+      files = pictures_in(folder.path(), [&](const Names& names) {
+        std::vector<double> found;
+        for (const std::string& name : names) found.push_back(times.at(name));
+        return found;
+      });
+    });
+    return error.empty() ? files : Names{error};
+  };
+  const double unknown = std::nan("");
+  EXPECT_EQ(order({{"c.jpg", 1}, {"a.jpg", 2}, {"b.jpg", 2}}), (Names{"c.jpg", "a.jpg", "b.jpg"}));
+  // A counter that wrapped within a second, and one that lacks times but follows those that are told.
+  EXPECT_EQ(order({{"I_0001.jpg", 7}, {"I_0000.jpg", 7}, {"I_9999.jpg", 7}, {"I_9998.jpg", 6}}),
+            (Names{"I_9998.jpg", "I_9999.jpg", "I_0000.jpg", "I_0001.jpg"}));
+  EXPECT_EQ(order({{"I_0001.jpg", 8}, {"I_0000.jpg", unknown}, {"I_9999.jpg", 7}, {"I_9998.jpg", 6}}),
+            (Names{"I_9998.jpg", "I_9999.jpg", "I_0000.jpg", "I_0001.jpg"}));
+  EXPECT_TRUE(contains(order({{"I_0001.jpg", 8}, {"I_0000.jpg", unknown}, {"I_9999.jpg", 9}, {"I_9998.jpg", 9}})[0],
+                       "begun anew"));
+  const Log log;
+  EXPECT_EQ(order({{"1.jpg", 8}, {"2.jpg", unknown}, {"3.jpg", 7}}), (Names{"1.jpg", "2.jpg", "3.jpg"}));
+  EXPECT_TRUE(log.has("1 of 3 pictures have no time")) << log.text();
+}
+
+TEST(Pictures, CopiesAreLeftOut) {
+  const Folder folder;
+  for (const std::string name : {"1.jpg", "1 (1).jpg", "1 - Copy.jpg", "2.jpg"})
+    make_file(folder / name, name.substr(0, 1));
+  make_file(folder / "2 (1).jpg", "other");
+  EXPECT_EQ(pictures_in(folder.path()), (Names{"1.jpg", "2 (1).jpg", "2.jpg"}));
 }
 
 TEST(Pictures, NumbersThatMayBeTwoAreRefused) {

@@ -74,6 +74,17 @@ TEST(Inspection, ListsWhatIsNotTaken) {
   EXPECT_EQ(nlohmann::json::parse(to_json("plain", inspected()))["left_out"].size(), 1u);
 }
 
+TEST(Inspection, NotesUnequalNumbersOfFrames) {
+  const Folder folder;
+  write_drives(folder);
+  make_file(folder / "other.gpx", "<gpx/>");
+  const Inspection found = inspect(*make_dataset("plain", folder.path()), folder.path(), kOn);
+  ASSERT_EQ(found.notes.size(), 1u);
+  EXPECT_TRUE(found.notes[0].starts_with("night has 3 frames and day 5: frames of equal index")) << found.notes[0];
+  ASSERT_EQ(found.faults.size(), 1u);
+  EXPECT_EQ(found.faults[0].what, "1 .gpx files, the first other.gpx");
+}
+
 TEST(Inspection, NamesEachBadFrame) {
   const Folder folder;
   write_drives(folder);
@@ -121,6 +132,7 @@ TEST(Inspection, Summarises) {
   EXPECT_EQ(day.width, 32);
   EXPECT_EQ(day.height, 24);
   EXPECT_TRUE(day.gps);
+  EXPECT_EQ(day.places, "day.poses.csv");
   EXPECT_NEAR(day.metres, 333.585, 0.01);
   EXPECT_NEAR(day.mean_step, 333.585 / 2, 0.01);
   EXPECT_EQ(day.bad_frames, 0);
@@ -146,12 +158,13 @@ TEST(Inspection, ColumnsOfTheTableAreAsWideAsTheirContents) {
   Summary bad;
   bad.name = "table";
   bad.error = "table.csv: has only one frame, which is a message longer than any column";
-  EXPECT_EQ(
-      to_table({drive, bad}),
-      "traversal                   condition                 frames  metres  step m  GPS       pixels  features  bad\n"
-      "2011_09_26_drive_0002_sync  overcast+partial+rain  123456789       1    1.00   no  10000x10000         -    0\n"
-      "table                       cannot be loaded: " +
-          bad.error + "\n");
+  EXPECT_EQ(to_table({drive, bad}),
+            "traversal                   condition                 frames  metres  step m  places       pixels  "
+            "features  bad\n"
+            "2011_09_26_drive_0002_sync  overcast+partial+rain  123456789       1    1.00      no  10000x10000         "
+            "-    0\n"
+            "table                       cannot be loaded: " +
+                bad.error + "\n");
 }
 
 // The drive's only camera is not the default one.

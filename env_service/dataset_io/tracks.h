@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "env_service/dataset_io/folder_dataset.h"
+
+namespace citylearn {
+
+/// A point of a receiver's track.
+struct TrackPoint {
+  double time = 0;                     ///< seconds since 1970 in UTC; NaN: not told
+  double latitude = 0, longitude = 0;  ///< degrees; NaN: no fix
+  bool begins = false;                 ///< the first of a segment: the receiver was off before
+};
+
+/// Endings of the tracks that read_track() reads, in the order in which one is preferred.
+const std::vector<std::string>& track_suffixes();
+
+/// Reads a track by its ending: .gpx, .nmea, .kml or .geojson. Returns its fixes by time, with a row of unknown place
+/// where a segment ends and the next one begins more than 10 s later. Points without time are left out and counted in
+/// a warning. `near`, seconds since 1970, tells the day of logs that have only hours. Throws Error naming the file:
+/// broken, a place beyond the earth, or no point with a time.
+GpsRows read_track(const std::string& path, double near);
+
+/// Reads the fixes of NMEA 0183: GGA, else RMC, of the receiver that has most of them in the best quality; days are
+/// those of RMC or ZDA, else of `near`. Sentences with a wrong checksum count in `broken`.
+std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broken);
+
+}  // namespace citylearn

@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: Apache-2.0
+// People's own drives: photographs, films with tracks, names with places. Right values are by hand, those of real files
+// by the README beside them.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "env_service/dataset_io/photographs.h"
+#include "env_service/geometry/geometry.h"
+#include "env_service/images/image_sources.h"
+#include "tests/paths.h"
+#include "tests/support/data/pictures.h"
+#include "tests/support/env/env.h"
+#include "tests/support/log.h"
+#include "tests/support/text.h"
+
+namespace citylearn::testing {
+namespace {
+
+using Names = std::vector<std::string>;
+
+std::string big(unsigned long value, int bytes) {
+  std::string text;
+  while (bytes-- > 0) text += static_cast<char>(value >> (8 * bytes));
+  return text;
+}
+
+/// A field of EXIF data: a text, or rationals as numerators and denominators.
+struct Field {
+  unsigned tag;
+  std::string text = {};
+  std::vector<unsigned long> rationals = {};
+};
+/// A directory at `at` of TIFF data whose fields' values follow it.
+std::string directory(const std::vector<Field>& fields, std::size_t at) {
+  std::string entries = big(fields.size(), 2), values;
+  for (const Field& field : fields) {
+    std::string value = field.text.empty() ? "" : field.text + '\0';
+    for (const unsigned long number : field.rationals) value += big(number, 4);
+    const std::size_t count = field.text.empty() ? field.rationals.size() / 2 : value.size();
+    entries += big(field.tag, 2) + big(field.text.empty() ? 5 : 2, 2) + big(count, 4);
+    if (value.size() <= 4) {
+      value.resize(4);
+      entries += value;
+    } else {
+      entries += big(at + 2 + 12 * fields.size() + 4 + values.size(), 4);
+      values += value;
+    }
+  }
+  return entries + big(0, 4) + values;
+}
+/// Writes a grey JPEG with these fields of the photograph and of GPS, and a time of its last edit.
+void write_photo(const std::string& path, int grey, const std::vector<Field>& photo, const std::vector<Field>& gps) {
+  std::string tiff = "MM" + big(42, 2) + big(8, 4) + big(3, 2);
+  const std::size_t edited = 8 + 2 + 36 + 4, at_photo = edited + 20;
+  const std::string first = directory(photo, at_photo);
+  tiff += big(0x132, 2) + big(2, 2) + big(20, 4) + big(edited, 4);
+  for (const auto& [tag, at] : {std::pair{0x8769u, at_photo}, std::pair{0x8825u, at_photo + first.size()}})
+    tiff += big(tag, 2) + big(4, 2) + big(1, 4) + big(at, 4);
+  tiff += big(0, 4) + std::string("2027:01:01 00:00:00") + '\0' + first + directory(gps, at_photo + first.size());
+  write_grey(path, grey);
+  std::string jpeg = contents(path);
+  make_file(path, jpeg.insert(2, "\xFF\xE1" + big(tiff.size() + 8, 2) + std::string("Exif\0\0", 6) + tiff));
+}
+std::vector<Field> place(unsigned long degrees, unsigned long minutes, unsigned long hundredths,
+                         const char* side = "N") {
+  return {{1, side}, {2, "", {degrees, 1, minutes, 1, hundredths, 100}}, {3, "E"}, {4, "", {11, 1, 30, 1, 0, 1}}};
+}
+
+TEST(Photographs, TellTimeAndPlace) {
+  const Folder folder;
+  const std::string path = folder / "x.jpg";
+  write_photo(path, 9, {{0x9003, "2026:06:01 14:00:00"}, {0x9291, "25"}, {0x9011, "+02:00"}}, place(48, 12, 3600));
+  const Taken taken = read_taken(path);
+  EXPECT_DOUBLE_EQ(utc_of({taken}, "")[0], 1780315200.25) << "digits are decimals; the edit's time is not taken";
+  EXPECT_DOUBLE_EQ(taken.latitude, 48.21);
+  EXPECT_DOUBLE_EQ(taken.longitude, 11.5);
+  // No zone: by GPS, whose whole seconds are of the day before; its camera is 100 s ahead.
+  write_photo(path, 9, {{0x9003, "2026:06:01 00:01:40"}, {0x9291, "5"}},
+              {{7, "", {22, 1, 0, 1, 0, 1}}, {0x1D, "2026:05:31"}});
+  const Taken ahead = read_taken(path);
+  const Log log;
+  EXPECT_DOUBLE_EQ(utc_of({ahead, ahead}, "")[1], 1780315200 - 14 * 3600 + 0.5);
+  EXPECT_TRUE(std::isnan(ahead.latitude));
+
+  const std::vector<Field> void_fix{{9, "V"}}, no_side{{2, "", {48, 1, 0, 1, 0, 1}}, {4, "", {11, 1, 0, 1, 0, 1}}};
+  std::vector<Field> nothing = place(0, 0, 0), receiver_off = place(48, 0, 0);
+  nothing[1].rationals = {0, 0, 0, 0, 0, 0};
+  receiver_off.push_back({9, "V"});
+  for (const auto& gps : {nothing, receiver_off, no_side, place(91, 0, 0), {}}) {
+    write_photo(path, 9, {}, gps);
+    EXPECT_TRUE(std::isnan(read_taken(path).latitude));
+    EXPECT_TRUE(std::isnan(read_taken(path).local));
+  }
+  write_photo(path, 9, {}, place(0, 0, 0, "S"));
+  EXPECT_EQ(read_taken(path).latitude, 0) << "the equator is a place";
+}
+
+TEST(Photographs, AreInTheOrderOfTheirTimes) {
+  const Folder folder;
+  const auto drive = [&] { return make_dataset("plain", folder.path())->load("trip"); };
+  const auto write = [&](const std::string& name, int k, const char* fraction) {
+    write_photo(folder / ("trip/" + name), k,
+                {{0x9003, "2026:06:01 14:00:0" + std::to_string(k / 2)}, {0x9291, fraction}},
+                place(48, 0, 100UL * static_cast<unsigned>(k)));
+  };
+  // A counter that wraps; two pictures a second, which the fraction orders.
+  write("IMG_9998.JPG", 0, "1");
+  write("IMG_9999.JPG", 1, "75");
+  write("IMG_0002.JPG", 2, "09");
+  write("IMG_0001.JPG", 3, "1");
+  std::filesystem::copy(folder / "trip/IMG_9998.JPG", folder / "trip/IMG_9998 (1).JPG");
+  const Log log;
+  const Traversal trip = drive();
+  Names names;
+  for (int i = 0; i < trip.frames; ++i) names.push_back(trip.images->name(i));
+  EXPECT_EQ(names, (Names{"trip/IMG_9998.JPG", "trip/IMG_9999.JPG", "trip/IMG_0002.JPG", "trip/IMG_0001.JPG"}));
+  EXPECT_TRUE(log.has("1 pictures are copies of others and left out, the first IMG_9998 (1).JPG")) << log.text();
+  EXPECT_EQ(trip.places_from, "EXIF");
+  EXPECT_NEAR(trip.positions[3], 3 / 3600.0 * 111195.08, 0.01);
+  // Some have no time: the others say that names do not follow it.
+  write_grey(folder / "trip/IMG_0003.jpg", 50);
+  EXPECT_TRUE(contains(error_of(drive), "the counter seems to have begun anew"));
+}
+
+TEST(Tracks, BesideAFilmNeedItsTime) {
+  const Folder folder;
+  ASSERT_TRUE(write_video(folder / "walk.avi", 50));  // 2 s, and no word when they began
+  const auto point = [](int second, double latitude) {
+    return "<trkpt lat='" + std::to_string(latitude) + "' lon='0'><time>2026-06-01T12:00:0" + std::to_string(second) +
+           "Z</time></trkpt>";
+  };
+  make_file(folder / "walk.gpx", "<gpx><trk><trkseg>" + point(0, 48) + point(4, 48.0004) + "</trkseg></trk></gpx>");
+  EXPECT_TRUE(contains(error_of([&] { make_dataset("plain", folder.path())->load("walk"); }),
+                       "walk.gpx: nothing says which time of it"));
+  const Traversal walk = make_dataset("plain", folder.path(), {{"clock-offset", 1}})->load("walk");
+  EXPECT_EQ(walk.places_from, "walk.gpx");
+  EXPECT_NEAR(walk.latitude[25], 48.0002, 1e-9) << "second 1 of the film is second 2 of the track";
+  std::filesystem::rename(folder / "walk.gpx", folder / "other.gpx");  // it may be of something else
+  const Log log;
+  EXPECT_TRUE(make_dataset("plain", folder.path())->load("walk").latitude.empty());
+  EXPECT_TRUE(log.has("other.gpx")) << log.text();
+}
+
+TEST(UtmNames, GivePlacesAndTheOrderOfTheDrive) {
+  // By PROJ: 9 E of the equator is 500000, 0 in zone 32; 48.2, 11.5 is 685760.31, 5341551.85.
+  const LatLon munich = from_utm(685760.305762, 5341551.854095, 32, true),
+               south = from_utm(500000, 1e7 - 1e6, 21, false);
+  EXPECT_NEAR(munich.latitude, 48.2, 2e-8);
+  EXPECT_NEAR(munich.longitude, 11.5, 2e-8);
+  EXPECT_NEAR(south.latitude, -from_utm(500000, 1e6, 21, true).latitude, 1e-12);
+  EXPECT_DOUBLE_EQ(south.longitude, -57);
+  const Folder folder;
+  const auto write = [&](const std::string& name) { write_grey(folder / ("images/test/" + name), 9); };
+  write("database/@0685760.31@5341551.85@32@U@@@b@@@@@@20260601100100@@.jpg");
+  write("database/@0685770.31@5341551.85@32@U@48.20000@11.50000@a@@@@@@20260601100000@@.jpg");
+  for (int i = 0; i < 2; ++i) write("queries/@1000@200" + std::to_string(3 * i) + "@@@@@x@@@@@@1@@.jpg");
+  const auto dataset = make_dataset("utm_names", folder.path());
+  EXPECT_EQ(dataset->names(), (Names{"test-database", "test-queries"}));
+  EXPECT_EQ(recognised(folder.path())[0], "utm_names");
+  const Traversal database = dataset->load("test-database");
+  EXPECT_TRUE(contains(database.images->name(0), "@a@"));
+  EXPECT_NEAR(database.latitude[1], 48.2, 1e-7) << "from the zone";
+  EXPECT_EQ(dataset->load("test-queries").positions, (std::vector<float>{0, 3})) << "metres, where no zone is told";
+}
+
+TEST(Msls, FollowsItsSequences) {
+  const Folder folder;
+  const std::string city = folder / "train_val/made_up/database/";
+  for (const char* key : {"a", "b", "c", "d"}) write_grey(city + "images/" + key + ".jpg", 9);
+  make_file(city + "seq_info.csv", ",key,sequence_key,frame_number\n0,a,two,1\n1,b,one,0\n2,c,two,0\n3,d,one,1\n");
+  make_file(city + "raw.csv",
+            ",key,lon,lat,ca,pano,captured_at\n0,a,8,50.1,0,False,2026-06-01\n"
+            "1,b,8,50,0,False,2026-06-01\n2,c,8,50.2,0,False,2026-06-01\n3,d,8,50,0,True,2026-06-01\n");
+  const Log log;
+  EXPECT_EQ(recognised(folder.path())[0], "msls");
+  const Traversal drive = make_dataset("msls", folder.path())->load("made_up-database");
+  EXPECT_EQ(drive.latitude, (std::vector<double>{50.2, 50.1, 50})) << "a panorama is left out";
+  EXPECT_TRUE(log.has("1 panoramas are left out")) << log.text();
+}
+
+/// draw.py: ten bits of the picture's number in the lowest 16 rows, red in the upper left.
+int number_in(Images& images, int frame) {
+  Bytes bytes;
+  images.read(frame, bytes);
+  const cv::Mat picture = decode_image(bytes, "x");
+  const cv::Vec3b corner = picture.at<cv::Vec3b>(4, 4);
+  if (picture.cols != 128 || picture.rows != 96 || corner[2] < 128 || corner[0] > 100) return -1;
+  int number = 0;
+  for (int bit = 0; bit < 10; ++bit) number |= (picture.at<cv::Vec3b>(88, 10 + 12 * bit)[1] > 127) << bit;
+  return number;
+}
+
+TEST(OwnDrivesReal, PhotographsAndFilmsAreUprightAndInOrder) {
+  const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "formats/drives-2026");
+  if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
+  for (const char* name : {"piexif", "exiftool", "heic"}) {
+    const Traversal drive = make_dataset("plain", folder + "/photos")->load(name);
+    const bool south = name == std::string("exiftool");
+    for (int k = 0; k < drive.frames; ++k) {
+      const auto i = static_cast<std::size_t>(k);
+      EXPECT_EQ(number_in(*drive.images, k), k) << name;
+      if (name == std::string("piexif") && k == 3) {
+        EXPECT_TRUE(std::isnan(drive.latitude[i]));
+      } else {
+        EXPECT_NEAR(drive.latitude[i], (south ? -34.9 : 48.2) + std::min(200, 50 * k) / 111195.0, 1e-6) << name << k;
+      }
+    }
+  }
+  EXPECT_EQ(make_dataset("plain", folder + "/walk")->load("walk").places_from, "walk.nmea");
+  const auto utm = make_dataset("utm_names", folder + "/utm");
+  const Traversal database = utm->load("test-database"),
+                  city = make_dataset("msls", folder + "/msls")->load("made_up-query");
+  for (int k = 0; k < database.frames; ++k) EXPECT_EQ(number_in(*database.images, k), k);
+  for (int k = 0; k < city.frames; ++k) EXPECT_EQ(number_in(*city.images, k), 200 + k);
+}
+
+}  // namespace
+}  // namespace citylearn::testing
