@@ -32,7 +32,9 @@ class Motion {
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
   void set_slip(S slip) { slip_ = slip; }
+  S slip() const { return slip_; }
   S kidnap() const { return kidnap_; }
+  const std::vector<int>& turns() const { return turns_; }
 
   /// to = A from, with `nothing` at the place that nothing moves to.
   template <class From, class To>
@@ -64,7 +66,6 @@ class Motion {
       for (std::ptrdiff_t place = 0; place <= n; ++place) to(place) += from(turns_[static_cast<std::size_t>(place)]);
     }
   }
-
   /// Moves a belief, which sums to 1.
   template <class From, class To>
   void move(std::uint8_t action, const From& from, To&& to) {

@@ -16,6 +16,9 @@ using Matrix = Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic>;  // column-majo
 template <class S>
 using Vector = Eigen::Matrix<S, Eigen::Dynamic, 1>;
 
+/// From so many places on, beliefs over them are sparse (docs/decisions/0025-sparse-beliefs.md).
+constexpr int kSparsePlaces = 2048;
+
 /// The task that a network is built for.
 struct NetworkTask {
   int features = 0;  ///< D
@@ -25,6 +28,7 @@ struct NetworkTask {
   Matrix<float> reference;
   /// N, where `stay` leads (core/task/route_map.h), for networks that know the map; empty where the route is a line.
   std::vector<int> turns = {};
+  int sparse_from = kSparsePlaces;  ///< from so many places on, beliefs over them are sparse
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }

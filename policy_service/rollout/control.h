@@ -17,7 +17,8 @@ struct ControlTask {
   /// D x EN, features of the route on the training traversals (for oracle_filter: on the one walked on), as
   /// NetworkTask.
   Matrix<float> reference = {};
-  std::vector<int> turns = {};  ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
+  std::vector<int> turns = {};      ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
+  int sparse_from = kSparsePlaces;  ///< as NetworkTask
 };
 
 /// Policies that learn nothing: the references for every result of a learned agent.

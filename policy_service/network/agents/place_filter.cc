@@ -7,6 +7,7 @@
 #include <span>
 
 #include "core/task/route_map.h"
+#include "policy_service/network/agents/sparse_pass.h"
 #include "policy_service/network/layers.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
@@ -59,7 +60,8 @@ class PlaceFilter : public AgentNetwork<S> {
         units_(parameters.integer("units")),
         inputs_(kInputs + (task.turns.empty() ? 0 : 1)),
         mirror_(mirrored_inputs(inputs_)),
-        keys_(task.reference, task.features, task.frames),
+        sparse_(task.turns.empty() && task.frames >= task.sparse_from),
+        keys_(task.reference, task.features, task.frames, sparse_),
         turns_(task.turns),
         motion_(parameters["slip"], kidnap_of(parameters), task.turns) {
     check_turns(turns_, places_);
@@ -85,10 +87,15 @@ class PlaceFilter : public AgentNetwork<S> {
   }
 
   const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
-  int state_size() const override { return places_ + 1; }
-  int belief_size() const override { return places_; }
+  int state_size() const override { return sparse_ ? SparseBelief<S>::kStateSize : places_ + 1; }
+  Vector<S> belief(const Eigen::Ref<const Vector<S>>& state) const override {
+    if (!sparse_) return state.head(places_);
+    SparseBelief<S> belief;
+    belief.load(state, places_);
+    return belief.scores(places_);
+  }
   bool normalises() const override { return true; }
-  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(motion_); }
+  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(keys_, motion_); }
 
   void initialise(Random& random, Vector<S>& parameters) const override {
     parameters.setZero(layout_.size());
@@ -113,62 +120,21 @@ class PlaceFilter : public AgentNetwork<S> {
                Workspace<S>& workspace) const override {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
-    for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
-    if (learns_slip_) work.motion.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
-    const bool exact = work.motion.exact();
-    if (!exact) work.moved.setOnes(places_, columns);
-    work.head_input.setZero(inputs_, 2 * columns);
-    work.step.resize(columns);
     const Scalars s = scalars(parameters);
-    work.weights = (-s.nearness * log_distances_).array().exp();
-
-    keys_.compare(inputs.features.leftCols(inputs.distinct), places_, work.similarities, work.similarity);
+    work.head_input.setZero(inputs_, 2 * columns);
+    if (sparse_) {
+      if (learns_slip_) work.sparse.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
+      work.sparse.forward(inputs, state, s, work.head_input, work.state);
+    } else {
+      filter(parameters, inputs, state, s, work);
+    }
     for (std::ptrdiff_t column = 0; column < columns; ++column) {
-      const std::size_t index = static_cast<std::size_t>(column);
-      const std::uint8_t previous = inputs.previous_action[index], allowed = inputs.allowed[index];
-      auto score = work.score.col(column);
-      if (inputs.first[index]) {
-        score.setConstant(kNever);
-        score.head(inputs.frames).setZero();
-        work.step(column) = 0;
-      } else if (column < agents) {
-        work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
-        work.step(column) = state(places_, column) + 1;
-      } else {
-        if (exact)
-          work.motion.shift(previous, work.score.col(column - agents), score, kNever);
-        else
-          work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
-        work.step(column) = work.step(column - agents) + 1;
-      }
-      if (!exact && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
-      score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
-      exclude(inputs.goal[index], inputs.frames, allowed, S(kExclusion), score);
-      auto belief = work.belief.col(column);
-      belief = (score.array() - score.maxCoeff()).exp();
-      belief /= belief.sum();
-
-      const std::ptrdiff_t goal = inputs.goal[index];
-      work.head_input(kSharpness, column) = belief.squaredNorm();
-      if (turns_.empty()) {
-        const Sides sides(belief, work.weights, goal, turning(s, previous));
-        work.head_input(0, column) = S(2) * sides.before / sides.all();
-        work.head_input(1, column) = S(2) * sides.after / sides.all();
-        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
-          work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
-        });
-      } else {
-        for (const auto& [input, way, action] : kWays)
-          for (std::ptrdiff_t place = 0; place < places_; ++place)
-            if (ways(goal)[place] & way) work.head_input(input, column) += S(2) * belief(place);
-      }
+      const std::uint8_t previous = inputs.previous_action[static_cast<std::size_t>(column)];
       for (int action = 0; action < kActions; ++action)
-        work.head_input(kMask + action, column) = static_cast<S>(!(allowed >> action & 1));
+        work.head_input(kMask + action, column) =
+            static_cast<S>(!(inputs.allowed[static_cast<std::size_t>(column)] >> action & 1));
       if (previous < kActions) work.head_input(kMask + kActions + previous, column) = S(0.5);
     }
-    work.state.resize(places_ + 1, agents);
-    work.state.topRows(places_) = work.score.rightCols(agents);
-    work.state.bottomRows(1) = work.step.tail(agents).transpose();
 
     for (int input = 0; input < inputs_; ++input)
       work.head_input.row(input).tail(columns) =
@@ -224,6 +190,137 @@ class PlaceFilter : public AgentNetwork<S> {
       ds.directness += by_logit.dot(work.head_input.row(way.input).head(columns));
       work.input_gradient.row(way.input).head(columns) += s.directness * by_logit;
     }
+    if (sparse_)
+      work.sparse.backward(inputs, s, work.input_gradient, ds);
+    else
+      unwind(inputs, s, work, ds);
+    auto out = layout_.view(gradient, scalars_);
+    const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
+    learn(kEvidence, s.evidence, ds.evidence);
+    learn(kTempering, s.tempering, ds.tempering);
+    learn(kNearness, s.nearness, ds.nearness);
+    learn(kTurning, s.turning, ds.turning);
+    learn(kDirectness, s.directness, ds.directness);
+  }
+
+  void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,
+                          Vector<S>& gradient) const override {
+    if (!learns_slip_) return;
+    const S p = learned_slip(layout_.view(parameters, slip_)(0)), kidnap = motion_.kidnap();
+    const S anywhere = kidnap / static_cast<S>(inputs.frames);
+    const std::size_t agents = static_cast<std::size_t>(inputs.agents), columns = inputs.goal.size();
+    S by_slip = 0;  // of the sum of -log P(where an action led)
+    for (std::size_t column = agents; column < columns; ++column) {
+      if (inputs.first[column]) continue;
+      const int here = inputs.position[column - agents], goal = inputs.goal[column - agents];
+      const auto leads = [&](int times, int where) {
+        return place_after(here, inputs.previous_action[column], turns_, times, inputs.frames) == where ? S(1) : S(0);
+      };
+      // Of steps that can end the episode only those that did not are seen here, too many of them slips.
+      if (leads(1, goal) + leads(2, goal) > 0) continue;
+      const int there = inputs.position[column];
+      const S once = leads(1, there), slipped = (leads(0, there) + leads(2, there)) / 2;
+      const S likelihood = (1 - kidnap) * ((1 - p) * once + p * slipped) + anywhere;
+      if (likelihood > 0) by_slip += (1 - kidnap) * (once - slipped) / likelihood;
+    }
+    layout_.view(gradient, slip_)(0) += static_cast<S>(kStretch) * p * (1 - p) * by_slip / static_cast<S>(columns);
+  }
+
+ private:
+  static constexpr double kFirstSlip = 0.01;  // before anything is experienced
+  enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
+  struct Way {
+    int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
+    std::uint8_t way, action;
+  };
+  static constexpr Way kWays[] = {{0, kByNext, kNext}, {1, kByPrevious, kPrevious}, {kInputs, kByTurning, kStay}};
+  using Scalars = place_filter::Scalars<S>;
+  using Turning = place_filter::Sides<S>;  // weights of the sides
+  /// The weighed belief before and after the goal.
+  struct WeighedSides {
+    template <class Belief>
+    WeighedSides(const Belief& belief, const Vector<S>& weights, std::ptrdiff_t goal, const Turning& turning)
+        : before(turning.before * belief.head(goal).dot(weights.head(goal).reverse())),
+          after(turning.after * belief.tail(belief.size() - goal - 1).dot(weights.head(belief.size() - goal - 1))) {}
+    S all() const { return before + after + std::numeric_limits<S>::min(); }
+    S before, after;
+  };
+  struct Work : Workspace<S> {
+    Work(const PlaceKeys<S>& keys, const Motion<S>& how) : motion(how), sparse(keys, how) {}
+    Motion<S> motion;                      // with room for its sums
+    Matrix<S> similarities, similarity;    // EN x U; N x U
+    Matrix<S> score, belief;               // N x TB
+    Matrix<S> by_score;                    // N x TB
+    Matrix<S> moved;                       // N x TB, the belief before anything is seen; empty where motion is exact
+    Vector<S> by_moved;                    // N
+    Vector<S> step;                        // TB, of the episode
+    Vector<S> weights;                     // N, of places at distances from 1 on to the goal
+    Matrix<S> head_input, input_gradient;  // inputs x 2 TB: as they are, then mirrored
+    Matrix<S> layer1, layer2, layer_gradient;  // units x 2 TB
+    Matrix<S> both;                            // outputs x 2 TB
+    Vector<S> column;                          // N
+    SparsePass<S> sparse;
+  };
+
+  /// Moves all scores and sees; sets the inputs of the head that come from the belief.
+  void filter(const Vector<S>& parameters, const NetworkInputs<S>& inputs, const Matrix<S>& state, const Scalars& s,
+              Work& work) const {
+    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
+    for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
+    if (learns_slip_) work.motion.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
+    const bool exact = work.motion.exact();
+    if (!exact) work.moved.setOnes(places_, columns);
+    work.step.resize(columns);
+    work.weights = (-s.nearness * log_distances_).array().exp();
+
+    keys_.compare(inputs.features.leftCols(inputs.distinct), places_, work.similarities, work.similarity);
+    for (std::ptrdiff_t column = 0; column < columns; ++column) {
+      const std::size_t index = static_cast<std::size_t>(column);
+      const std::uint8_t previous = inputs.previous_action[index];
+      auto score = work.score.col(column);
+      if (inputs.first[index]) {
+        score.setConstant(kNever);
+        score.head(inputs.frames).setZero();
+        work.step(column) = 0;
+      } else if (column < agents) {
+        work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
+        work.step(column) = state(places_, column) + 1;
+      } else {
+        if (exact)
+          work.motion.shift(previous, work.score.col(column - agents), score, kNever);
+        else
+          work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
+        work.step(column) = work.step(column - agents) + 1;
+      }
+      if (!exact && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
+      score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
+      exclude(inputs.goal[index], inputs.frames, inputs.allowed[index], S(kExclusion), score);
+      auto belief = work.belief.col(column);
+      belief = (score.array() - score.maxCoeff()).exp();
+      belief /= belief.sum();
+
+      const std::ptrdiff_t goal = inputs.goal[index];
+      work.head_input(kSharpness, column) = belief.squaredNorm();
+      if (turns_.empty()) {
+        const WeighedSides sides(belief, work.weights, goal, s.turnings(previous));
+        work.head_input(0, column) = S(2) * sides.before / sides.all();
+        work.head_input(1, column) = S(2) * sides.after / sides.all();
+        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+          work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
+        });
+      } else {
+        for (const auto& [input, way, action] : kWays)
+          for (std::ptrdiff_t place = 0; place < places_; ++place)
+            if (ways(goal)[place] & way) work.head_input(input, column) += S(2) * belief(place);
+      }
+    }
+    work.state.resize(places_ + 1, agents);
+    work.state.topRows(places_) = work.score.rightCols(agents);
+    work.state.bottomRows(1) = work.step.tail(agents).transpose();
+  }
+  /// The backward pass of filter(): adds to the derivatives by the scalars.
+  void unwind(const NetworkInputs<S>& inputs, const Scalars& s, Work& work, Scalars& ds) const {
+    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
     work.by_score.setZero(places_, columns);
     Vector<S>& by_belief = work.column;
     for (std::ptrdiff_t column = columns - 1; column >= 0; --column) {
@@ -233,8 +330,8 @@ class PlaceFilter : public AgentNetwork<S> {
       const auto belief = work.belief.col(column);
       by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
       if (turns_.empty()) {
-        const Turning weight = turning(s, previous);
-        const Sides sides(belief, work.weights, goal, weight);
+        const Turning weight = s.turnings(previous);
+        const WeighedSides sides(belief, work.weights, goal, weight);
         const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
         const S mean = (before * sides.before + after * sides.after) / sides.all();
         const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
@@ -276,84 +373,11 @@ class PlaceFilter : public AgentNetwork<S> {
       work.motion.unmove(previous, work.column, work.by_moved);
       by_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
     }
-    auto out = layout_.view(gradient, scalars_);
-    const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
-    learn(kEvidence, s.evidence, ds.evidence);
-    learn(kTempering, s.tempering, ds.tempering);
-    learn(kNearness, s.nearness, ds.nearness);
-    learn(kTurning, s.turning, ds.turning);
-    learn(kDirectness, s.directness, ds.directness);
   }
-
-  void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,
-                          Vector<S>& gradient) const override {
-    if (!learns_slip_) return;
-    const S p = learned_slip(layout_.view(parameters, slip_)(0)), kidnap = motion_.kidnap();
-    const S anywhere = kidnap / static_cast<S>(inputs.frames);
-    const std::size_t agents = static_cast<std::size_t>(inputs.agents), columns = inputs.goal.size();
-    S by_slip = 0;  // of the sum of -log P(where an action led)
-    for (std::size_t column = agents; column < columns; ++column) {
-      if (inputs.first[column]) continue;
-      const int here = inputs.position[column - agents], goal = inputs.goal[column - agents];
-      const auto leads = [&](int times, int where) {
-        return place_after(here, inputs.previous_action[column], turns_, times, inputs.frames) == where ? S(1) : S(0);
-      };
-      // Of steps that can end the episode only those that did not are seen here, too many of them slips.
-      if (leads(1, goal) + leads(2, goal) > 0) continue;
-      const int there = inputs.position[column];
-      const S once = leads(1, there), slipped = (leads(0, there) + leads(2, there)) / 2;
-      const S likelihood = (1 - kidnap) * ((1 - p) * once + p * slipped) + anywhere;
-      if (likelihood > 0) by_slip += (1 - kidnap) * (once - slipped) / likelihood;
-    }
-    layout_.view(gradient, slip_)(0) += static_cast<S>(kStretch) * p * (1 - p) * by_slip / static_cast<S>(columns);
-  }
-
- private:
-  static constexpr double kFirstSlip = 0.01;  // before anything is experienced
-  enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
-  struct Way {
-    int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
-    std::uint8_t way, action;
-  };
-  static constexpr Way kWays[] = {{0, kByNext, kNext}, {1, kByPrevious, kPrevious}, {kInputs, kByTurning, kStay}};
-  struct Scalars {
-    S evidence, tempering, nearness, turning, directness;
-  };
-  struct Turning {
-    S before, after;  ///< weights of the sides
-  };
-  /// The weighed belief before and after the goal.
-  struct Sides {
-    template <class Belief>
-    Sides(const Belief& belief, const Vector<S>& weights, std::ptrdiff_t goal, const Turning& turning)
-        : before(turning.before * belief.head(goal).dot(weights.head(goal).reverse())),
-          after(turning.after * belief.tail(belief.size() - goal - 1).dot(weights.head(belief.size() - goal - 1))) {}
-    S all() const { return before + after + std::numeric_limits<S>::min(); }
-    S before, after;
-  };
-  struct Work : Workspace<S> {
-    explicit Work(const Motion<S>& how) : motion(how) {}
-    Motion<S> motion;                      // with room for its sums
-    Matrix<S> similarities, similarity;    // EN x U; N x U
-    Matrix<S> score, belief;               // N x TB
-    Matrix<S> by_score;                    // N x TB
-    Matrix<S> moved;                       // N x TB, the belief before anything is seen; empty where motion is exact
-    Vector<S> by_moved;                    // N
-    Vector<S> step;                        // TB, of the episode
-    Vector<S> weights;                     // N, of places at distances from 1 on to the goal
-    Matrix<S> head_input, input_gradient;  // inputs x 2 TB: as they are, then mirrored
-    Matrix<S> layer1, layer2, layer_gradient;  // units x 2 TB
-    Matrix<S> both;                            // outputs x 2 TB
-    Vector<S> column;                          // N
-  };
-
   Scalars scalars(const Vector<S>& parameters) const {
     const auto stored = layout_.view(parameters, scalars_);
     const auto value = [&](int scalar) { return std::exp(static_cast<S>(kStretch) * stored(scalar)); };
     return {value(kEvidence), value(kTempering), value(kNearness), value(kTurning), value(kDirectness)};
-  }
-  static Turning turning(const Scalars& s, std::uint8_t previous) {
-    return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
   }
 
   /// Returns the ways that the route has. A line has no turning.
@@ -397,6 +421,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
   int places_, units_, inputs_;
   std::vector<int> mirror_;
+  bool sparse_;  ///< beliefs are
   PlaceKeys<S> keys_;
   Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
   std::vector<int> turns_;   ///< N; empty on a line
