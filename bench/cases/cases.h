@@ -18,6 +18,7 @@ namespace citylearn::bench {
 
 /// Each adds its options to the command of its name and returns what it measures. NAME.md states its question.
 using Measure = std::function<void()>;
+Measure beliefs(CLI::App& command);
 Measure encoding(CLI::App& command);
 Measure images(CLI::App& command);
 Measure loop(CLI::App& command);

@@ -6,7 +6,8 @@
 
 namespace citylearn {
 
-AgentGraph::AgentGraph(const TrainedAgent& agent) : OnnxGraph(agent.name), agent_(agent) {}
+AgentGraph::AgentGraph(const TrainedAgent& agent, int state_size)
+    : OnnxGraph(agent.name), agent_(agent), state_size_(state_size) {}
 
 OnnxValue AgentGraph::known(const std::string& name, std::int64_t width, const std::string& help) {
   const auto found = inputs_.find(name);
@@ -48,9 +49,8 @@ OnnxValue AgentGraph::first() {
 OnnxValue AgentGraph::state() {
   const auto found = inputs_.find("wiped");
   if (found != inputs_.end()) return found->second;
-  const int size = agent_.network->state_size();
-  const OnnxValue before = known("state", size, "next_state of the step before; zeros at the very first");
-  return inputs_["wiped"] = before * stretched(-1 * first() + 1, size);
+  const OnnxValue before = known("state", state_size_, "next_state of the step before; zeros at the very first");
+  return inputs_["wiped"] = before * stretched(-1 * first() + 1, state_size_);
 }
 
 Eigen::Map<const Matrix<float>> AgentGraph::tensor(const std::string& name) const {
@@ -70,7 +70,7 @@ void AgentGraph::finish(const OnnxValue& heads, const OnnxValue& next_state) {
   output("logits", logits + -static_cast<float>(kMasked) * (allowed() + -1), kActions,
          "of stay, next, previous; -1e9 where not allowed. Their softmax is the policy");
   output("value", columns(heads, kActions, kActions + 1), 1, "discounted reward to come, as estimated");
-  output("next_state", next_state, agent_.network->state_size(), "to be given as state with the next observation");
+  output("next_state", next_state, state_size_, "to be given as state with the next observation");
 }
 
 std::unique_ptr<AgentGraph> export_graph(const TrainedAgent& agent, const Parameters& parameters) {

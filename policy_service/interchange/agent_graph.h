@@ -15,7 +15,9 @@ namespace citylearn {
 class AgentGraph : public OnnxGraph {
  public:
   /// `agent` must outlive it.
-  explicit AgentGraph(const TrainedAgent& agent);
+  explicit AgentGraph(const TrainedAgent& agent) : AgentGraph(agent, agent.network->state_size()) {}
+  /// `state_size`: of the model, where it has not the state of the network.
+  AgentGraph(const TrainedAgent& agent, int state_size);
 
   OnnxValue features();         ///< batch x D, normalised where the network wants it: see FeatureNormaliser
   OnnxValue goal();             ///< batch x 1, place on the route, 0..N-1
@@ -39,6 +41,7 @@ class AgentGraph : public OnnxGraph {
   OnnxValue known(const std::string& name, std::int64_t width, const std::string& help);
 
   const TrainedAgent& agent_;
+  int state_size_;
   std::map<std::string, OnnxValue> inputs_;
 };
 

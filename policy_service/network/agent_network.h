@@ -44,8 +44,8 @@ class AgentNetwork {
   /// Resizes and fills `parameters`.
   virtual void initialise(Random& random, Vector<S>& parameters) const = 0;
   virtual int state_size() const = 0;
-  /// Returns how many of the state's first rows are scores whose softmax is a belief over the places; 0: it has none.
-  virtual int belief_size() const { return 0; }
+  /// Returns the belief over the places that a state holds, as scores whose softmax it is; empty: there is none.
+  virtual Vector<S> belief(const Eigen::Ref<const Vector<S>>& /*state*/) const { return {}; }
   /// Returns whether it wants features as FeatureNormaliser makes them (feature_normaliser.h). The caller
   /// has to see to that.
   virtual bool normalises() const { return false; }

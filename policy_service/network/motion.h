@@ -28,6 +28,7 @@ class Motion {
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
   void set_slip(S slip) { slip_ = slip; }
+  S slip() const { return slip_; }
   S kidnap() const { return kidnap_; }
 
   /// to = A from, with `nothing` at the place that nothing moves to.
@@ -56,7 +57,6 @@ class Motion {
       to += from;
     }
   }
-
   /// Moves a belief, which sums to 1.
   template <class From, class To>
   void move(std::uint8_t action, const From& from, To&& to) {

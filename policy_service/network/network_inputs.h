@@ -16,6 +16,9 @@ using Matrix = Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic>;  // column-majo
 template <class S>
 using Vector = Eigen::Matrix<S, Eigen::Dynamic, 1>;
 
+/// From so many places on, beliefs over them are sparse (docs/decisions/0025-sparse-beliefs.md).
+constexpr int kSparsePlaces = 2048;
+
 /// The task that a network is built for.
 struct NetworkTask {
   int features = 0;  ///< D
@@ -23,6 +26,7 @@ struct NetworkTask {
   /// D x EN, features of the route as each of E training traversals shows it, the experiences side by side: the place
   /// memory of networks that have one.
   Matrix<float> reference;
+  int sparse_from = kSparsePlaces;  ///< from so many places on, beliefs over them are sparse
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }

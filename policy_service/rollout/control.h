@@ -16,6 +16,7 @@ struct ControlTask {
   /// D x EN, features of the route on the training traversals (for oracle_filter: on the one walked on), as
   /// NetworkTask.
   Matrix<float> reference = {};
+  int sparse_from = kSparsePlaces;  ///< as NetworkTask
 };
 
 /// Policies that learn nothing: the references for every result of a learned agent.

@@ -78,8 +78,8 @@ void read_observation(const msg::Observation& observation, int features, int fir
 
 void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states, int first_frame,
                  msg::Belief& belief) {
-  if (const int places = network.belief_size())
-    for (const auto& state : states.colwise()) add_belief(state.head(places), first_frame, belief);
+  for (const auto& state : states.colwise())
+    if (const Vector<float> scores = network.belief(state); scores.size() > 0) add_belief(scores, first_frame, belief);
 }
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)

@@ -3,10 +3,14 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <span>
+#include <utility>
 
 #include "policy_service/network/agents/place_filter.h"
+#include "policy_service/network/agents/sparse_inputs.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
+#include "policy_service/network/sparse_filter.h"
 #include "policy_service/rollout/belief.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/evaluated_tasks.h"
@@ -20,7 +24,8 @@ namespace {
 /// ended, and places where other actions would be allowed are excluded, for the rest of the episode. Walks to the side
 /// of the goal where the belief, each place weighed by 1 / distance^g, is heavier, because a wrong turn costs most in
 /// proportion when the goal is near; the side that asks for turning about is weighed by u, because doubt alone is no
-/// reason to turn. On a map, takes the step that leads nearer from where most of the belief is.
+/// reason to turn. On a map, takes the step that leads nearer from where most of the belief is. On a long line the
+/// belief is sparse, as place_filter's.
 class SequenceFilter : public Policy {
  public:
   SequenceFilter(const ControlTask& task, const Parameters& parameters)
@@ -29,12 +34,16 @@ class SequenceFilter : public Policy {
         tempering_(parameters["tempering"]),
         turning_(parameters["turning"]),
         motion_(parameters["slip"], parameters["kidnap"]),
+        sparse_(task.frames >= task.sparse_from),
         normaliser_(task.reference) {
     if (task.reference.size() == 0)
       throw Error("needs the features of the training traversal", "sequence_filter",
                   "start an env_service on a traversal that has features");
     weights_ = Vector<double>::LinSpaced(task.frames, 1, task.frames).array().pow(-parameters["nearness"]);
-    keys_.emplace(task.reference, static_cast<int>(task.reference.rows()), task.frames);
+    keys_.emplace(task.reference, static_cast<int>(task.reference.rows()), task.frames, sparse_);
+    if (!sparse_) return;
+    sparse_filter_.emplace(*keys_, Motion<float>(parameters["slip"], parameters["kidnap"]));
+    inputs_.set_nearness(static_cast<float>(parameters["nearness"]), task.frames);
   }
 
   void begin(std::uint32_t first_task, const SeenFeatures& known) override { tasks_.begin(first_task, known); }
@@ -47,11 +56,16 @@ class SequenceFilter : public Policy {
       throw Error(
           std::to_string(observation.feature_dimension()) + " features, the reference has " + std::to_string(dimension),
           "traversal " + std::string(observation.traversal().c_str()));
-    if (agents_.size() != agents) agents_.assign(agents, {Vector<double>::Zero(task_.frames)});
+    if (agents_.size() != agents) agents_.assign(agents, {Vector<double>::Zero(sparse_ ? 0 : task_.frames)});
     choice.assign(agents, kStay);
     tasks_.follow(observation);
     for (const EvaluatedTasks::Batch& batch : tasks_.batches()) {
       look(observation, batch);
+      if (sparse_) {
+        walk_sparsely(observation, batch, choice);
+        continue;
+      }
+      keys_->compare(seen_, task_.frames, similarities_, similarity_);
       EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
         choice[static_cast<std::size_t>(agent)] = walk(observation, static_cast<std::size_t>(agent), column);
       });
@@ -59,7 +73,8 @@ class SequenceFilter : public Policy {
   }
 
   void believe(msg::Belief& belief) const override {
-    for (const Agent& agent : agents_) add_belief(agent.belief.cast<float>(), task_.first_frame, belief);
+    for (const Agent& agent : agents_)
+      add_belief(sparse_ ? agent.sparse.scores(task_.frames) : agent.belief.cast<float>(), task_.first_frame, belief);
   }
 
  private:
@@ -67,11 +82,12 @@ class SequenceFilter : public Policy {
   static constexpr double kExclusion = 1e4, kNever = -100 * kExclusion;
 
   struct Agent {
-    Vector<double> belief;  ///< N
+    Vector<double> belief;  ///< N; empty where it is sparse
     int steps = 0;          ///< of its episode
+    SparseBelief<float> sparse = {};
   };
 
-  /// Compares what the agents of a batch see with all places.
+  /// Normalises what the agents of a batch see.
   void look(const msg::Observation& observation, const EvaluatedTasks::Batch& batch) {
     const Eigen::Map<const Matrix<float>> features(observation.features().data(), task_.reference.rows(),
                                                    static_cast<std::ptrdiff_t>(agents_.size()));
@@ -80,7 +96,34 @@ class SequenceFilter : public Policy {
       seen_.col(column) = features.col(agent);
       tasks_.normalise(normaliser_, agent, seen_.col(column));
     });
-    keys_->compare(seen_, task_.frames, similarities_, similarity_);
+  }
+
+  void walk_sparsely(const msg::Observation& observation, const EvaluatedTasks::Batch& batch,
+                     std::vector<std::uint8_t>& choice) {
+    steps_.resize(EvaluatedTasks::kColumns);
+    std::size_t count = 0;
+    EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
+      const auto index = static_cast<std::size_t>(agent);
+      SparseStep<float>& step = steps_[count++];
+      step.before = &agents_[index].sparse;
+      step.seen = column;
+      step.goal = static_cast<int>(observation.goal()[index]) - task_.first_frame;
+      step.action = observation.previous_action()[index];
+      step.allowed = observation.allowed()[index];
+      step.first = observation.flags()[index] & msg::FLAG_FIRST;
+    });
+    sparse_filter_->advance(seen_, task_.frames, static_cast<float>(evidence_), static_cast<float>(tempering_),
+                            std::span(steps_).first(count));
+    const auto turning = static_cast<float>(turning_);
+    count = 0;
+    EvaluatedTasks::each_agent(batch, [&](int, int agent) {
+      SparseStep<float>& step = steps_[count++];
+      std::swap(agents_[static_cast<std::size_t>(agent)].sparse, step.after);
+      const auto sides = inputs_.read(
+          step, task_.frames, {step.action == kPrevious ? turning : 1, step.action == kNext ? turning : 1}, said_);
+      choice[static_cast<std::size_t>(agent)] =
+          allowed_or_turn(sides.before > sides.after ? kNext : kPrevious, step.allowed);
+    });
   }
 
   std::uint8_t walk(const msg::Observation& observation, std::size_t index, int column) {
@@ -112,6 +155,7 @@ class SequenceFilter : public Policy {
   ControlTask task_;
   double evidence_, tempering_, turning_;
   Motion<double> motion_;
+  bool sparse_;  ///< beliefs are
   FeatureNormaliser normaliser_;
   Vector<double> weights_;  ///< N, of places at distances from 1 on to the goal
   std::optional<PlaceKeys<float>> keys_;
@@ -120,6 +164,10 @@ class SequenceFilter : public Policy {
   Matrix<float> seen_;                       ///< D x columns of a batch
   Matrix<float> similarities_, similarity_;  ///< EN x columns, N x columns
   Vector<double> before_, odds_;             ///< N
+  std::optional<SparseFilter<float>> sparse_filter_;
+  std::vector<SparseStep<float>> steps_;  ///< of a batch
+  place_filter::SparseInputs<float> inputs_;
+  Vector<float> said_ = Vector<float>::Zero(place_filter::kInputs);
 };
 
 std::unique_ptr<Policy> make(const Parameters& parameters, const ControlTask& task) {

@@ -11,7 +11,7 @@
 namespace citylearn {
 namespace {
 
-constexpr int kMaxFrames = 100000;
+constexpr int kMaxFrames = static_cast<int>(msg::MAX_FRAMES);
 
 }  // namespace
 

@@ -52,9 +52,9 @@ OnnxValue moved_scores(AgentGraph& graph, const Parameters& parameters, const On
   return graph.stretched(-1 * graph.first() + 1, places) * scores;
 }
 
-/// Exports what network/agents/place_filter.cc computes.
+/// Exports what network/agents/place_filter.cc computes. A model's belief is never sparse.
 std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, const TrainedAgent& agent) {
-  auto graph = std::make_unique<AgentGraph>(agent);
+  auto graph = std::make_unique<AgentGraph>(agent, agent.task.frames + 1);
   const std::ptrdiff_t places = agent.task.frames;
   const auto scalars = graph->tensor("filter.scalars");
   const auto scalar = [&](int which) {

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/task/moves.h"
+#include "policy_service/network/agents/sparse_pass.h"
 #include "policy_service/network/layers.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
@@ -54,7 +55,8 @@ class PlaceFilter : public AgentNetwork<S> {
         units_(parameters.integer("units")),
         inputs_(kInputs),
         mirror_(mirrored_inputs(inputs_)),
-        keys_(task.reference, task.features, task.frames),
+        sparse_(task.frames >= task.sparse_from),
+        keys_(task.reference, task.features, task.frames, sparse_),
         motion_(parameters["slip"], kidnap_of(parameters)) {
     log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
     learns_slip_ = parameters["slip"] < 0;
@@ -77,10 +79,15 @@ class PlaceFilter : public AgentNetwork<S> {
   }
 
   const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
-  int state_size() const override { return places_ + 1; }
-  int belief_size() const override { return places_; }
+  int state_size() const override { return sparse_ ? SparseBelief<S>::kStateSize : places_ + 1; }
+  Vector<S> belief(const Eigen::Ref<const Vector<S>>& state) const override {
+    if (!sparse_) return state.head(places_);
+    SparseBelief<S> belief;
+    belief.load(state, places_);
+    return belief.scores(places_);
+  }
   bool normalises() const override { return true; }
-  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(motion_); }
+  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(keys_, motion_); }
 
   void initialise(Random& random, Vector<S>& parameters) const override {
     parameters.setZero(layout_.size());
@@ -105,56 +112,21 @@ class PlaceFilter : public AgentNetwork<S> {
                Workspace<S>& workspace) const override {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
-    for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
-    if (learns_slip_) work.motion.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
-    const bool exact = work.motion.exact();
-    if (!exact) work.moved.setOnes(places_, columns);
-    work.head_input.setZero(inputs_, 2 * columns);
-    work.step.resize(columns);
     const Scalars s = scalars(parameters);
-    work.weights = (-s.nearness * log_distances_).array().exp();
-
-    keys_.compare(inputs.features.leftCols(inputs.distinct), places_, work.similarities, work.similarity);
+    work.head_input.setZero(inputs_, 2 * columns);
+    if (sparse_) {
+      if (learns_slip_) work.sparse.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
+      work.sparse.forward(inputs, state, s, work.head_input, work.state);
+    } else {
+      filter(parameters, inputs, state, s, work);
+    }
     for (std::ptrdiff_t column = 0; column < columns; ++column) {
-      const std::size_t index = static_cast<std::size_t>(column);
-      const std::uint8_t previous = inputs.previous_action[index], allowed = inputs.allowed[index];
-      auto score = work.score.col(column);
-      if (inputs.first[index]) {
-        score.setConstant(kNever);
-        score.head(inputs.frames).setZero();
-        work.step(column) = 0;
-      } else if (column < agents) {
-        work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
-        work.step(column) = state(places_, column) + 1;
-      } else {
-        if (exact)
-          work.motion.shift(previous, work.score.col(column - agents), score, kNever);
-        else
-          work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
-        work.step(column) = work.step(column - agents) + 1;
-      }
-      if (!exact && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
-      score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
-      exclude(inputs.goal[index], inputs.frames, allowed, S(kExclusion), score);
-      auto belief = work.belief.col(column);
-      belief = (score.array() - score.maxCoeff()).exp();
-      belief /= belief.sum();
-
-      const std::ptrdiff_t goal = inputs.goal[index];
-      work.head_input(kSharpness, column) = belief.squaredNorm();
-      const Sides sides(belief, work.weights, goal, turning(s, previous));
-      work.head_input(0, column) = S(2) * sides.before / sides.all();
-      work.head_input(1, column) = S(2) * sides.after / sides.all();
-      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
-        work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
-      });
+      const std::uint8_t previous = inputs.previous_action[static_cast<std::size_t>(column)];
       for (int action = 0; action < kActions; ++action)
-        work.head_input(kMask + action, column) = static_cast<S>(!(allowed >> action & 1));
+        work.head_input(kMask + action, column) =
+            static_cast<S>(!(inputs.allowed[static_cast<std::size_t>(column)] >> action & 1));
       if (previous < kActions) work.head_input(kMask + kActions + previous, column) = S(0.5);
     }
-    work.state.resize(places_ + 1, agents);
-    work.state.topRows(places_) = work.score.rightCols(agents);
-    work.state.bottomRows(1) = work.step.tail(agents).transpose();
 
     for (int input = 0; input < inputs_; ++input)
       work.head_input.row(input).tail(columns) =
@@ -210,52 +182,10 @@ class PlaceFilter : public AgentNetwork<S> {
       ds.directness += by_logit.dot(work.head_input.row(way.input).head(columns));
       work.input_gradient.row(way.input).head(columns) += s.directness * by_logit;
     }
-    work.by_score.setZero(places_, columns);
-    Vector<S>& by_belief = work.column;
-    for (std::ptrdiff_t column = columns - 1; column >= 0; --column) {
-      const std::size_t index = static_cast<std::size_t>(column);
-      const std::ptrdiff_t goal = inputs.goal[index];
-      const std::uint8_t previous = inputs.previous_action[index];
-      const auto belief = work.belief.col(column);
-      by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
-      const Turning weight = turning(s, previous);
-      const Sides sides(belief, work.weights, goal, weight);
-      const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
-      const S mean = (before * sides.before + after * sides.after) / sides.all();
-      const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
-      const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
-        part += by * weights;
-        ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
-      };
-      by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
-              log_distances_.head(goal).reverse(), by_before * weight.before);
-      const std::ptrdiff_t rest = places_ - goal - 1;
-      by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
-              by_after * weight.after);
-      if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
-      if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
-      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
-        by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
-      });
-      auto by_score = work.by_score.col(column);
-      by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
-
-      const S tempered = 1 / (1 + s.tempering * work.step(column));
-      const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
-      ds.evidence += by_evidence;
-      ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
-      if (column < agents || inputs.first[index]) continue;
-      auto by_score_before = work.by_score.col(column - agents);
-      if (work.motion.exact()) {
-        work.motion.unshift(previous, by_score, by_score_before);
-        continue;
-      }
-      const auto moved = work.moved.col(column).array();
-      work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
-      const auto from = work.belief.col(column - agents);
-      work.motion.unmove(previous, work.column, work.by_moved);
-      by_score_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
-    }
+    if (sparse_)
+      work.sparse.backward(inputs, s, work.input_gradient, ds);
+    else
+      unwind(inputs, s, work, ds);
     auto out = layout_.view(gradient, scalars_);
     const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
     learn(kEvidence, s.evidence, ds.evidence);
@@ -295,23 +225,19 @@ class PlaceFilter : public AgentNetwork<S> {
     std::uint8_t action;
   };
   static constexpr Way kWays[] = {{0, kNext}, {1, kPrevious}};
-  struct Scalars {
-    S evidence, tempering, nearness, turning, directness;
-  };
-  struct Turning {
-    S before, after;  ///< weights of the sides
-  };
+  using Scalars = place_filter::Scalars<S>;
+  using Turning = place_filter::Sides<S>;  // weights of the sides
   /// The weighed belief before and after the goal.
-  struct Sides {
+  struct WeighedSides {
     template <class Belief>
-    Sides(const Belief& belief, const Vector<S>& weights, std::ptrdiff_t goal, const Turning& turning)
+    WeighedSides(const Belief& belief, const Vector<S>& weights, std::ptrdiff_t goal, const Turning& turning)
         : before(turning.before * belief.head(goal).dot(weights.head(goal).reverse())),
           after(turning.after * belief.tail(belief.size() - goal - 1).dot(weights.head(belief.size() - goal - 1))) {}
     S all() const { return before + after + std::numeric_limits<S>::min(); }
     S before, after;
   };
   struct Work : Workspace<S> {
-    explicit Work(const Motion<S>& how) : motion(how) {}
+    Work(const PlaceKeys<S>& keys, const Motion<S>& how) : motion(how), sparse(keys, how) {}
     Motion<S> motion;                      // with room for its sums
     Matrix<S> similarities, similarity;    // EN x U; N x U
     Matrix<S> score, belief;               // N x TB
@@ -324,15 +250,113 @@ class PlaceFilter : public AgentNetwork<S> {
     Matrix<S> layer1, layer2, layer_gradient;  // units x 2 TB
     Matrix<S> both;                            // outputs x 2 TB
     Vector<S> column;                          // N
+    SparsePass<S> sparse;
   };
 
+  /// Moves all scores and sees; sets the inputs of the head that come from the belief.
+  void filter(const Vector<S>& parameters, const NetworkInputs<S>& inputs, const Matrix<S>& state, const Scalars& s,
+              Work& work) const {
+    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
+    for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
+    if (learns_slip_) work.motion.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
+    const bool exact = work.motion.exact();
+    if (!exact) work.moved.setOnes(places_, columns);
+    work.step.resize(columns);
+    work.weights = (-s.nearness * log_distances_).array().exp();
+
+    keys_.compare(inputs.features.leftCols(inputs.distinct), places_, work.similarities, work.similarity);
+    for (std::ptrdiff_t column = 0; column < columns; ++column) {
+      const std::size_t index = static_cast<std::size_t>(column);
+      const std::uint8_t previous = inputs.previous_action[index];
+      auto score = work.score.col(column);
+      if (inputs.first[index]) {
+        score.setConstant(kNever);
+        score.head(inputs.frames).setZero();
+        work.step(column) = 0;
+      } else if (column < agents) {
+        work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
+        work.step(column) = state(places_, column) + 1;
+      } else {
+        if (exact)
+          work.motion.shift(previous, work.score.col(column - agents), score, kNever);
+        else
+          work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
+        work.step(column) = work.step(column - agents) + 1;
+      }
+      if (!exact && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
+      score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
+      exclude(inputs.goal[index], inputs.frames, inputs.allowed[index], S(kExclusion), score);
+      auto belief = work.belief.col(column);
+      belief = (score.array() - score.maxCoeff()).exp();
+      belief /= belief.sum();
+
+      const std::ptrdiff_t goal = inputs.goal[index];
+      work.head_input(kSharpness, column) = belief.squaredNorm();
+      const WeighedSides sides(belief, work.weights, goal, s.turnings(previous));
+      work.head_input(0, column) = S(2) * sides.before / sides.all();
+      work.head_input(1, column) = S(2) * sides.after / sides.all();
+      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+        work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
+      });
+    }
+    work.state.resize(places_ + 1, agents);
+    work.state.topRows(places_) = work.score.rightCols(agents);
+    work.state.bottomRows(1) = work.step.tail(agents).transpose();
+  }
+  /// The backward pass of filter(): adds to the derivatives by the scalars.
+  void unwind(const NetworkInputs<S>& inputs, const Scalars& s, Work& work, Scalars& ds) const {
+    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
+    work.by_score.setZero(places_, columns);
+    Vector<S>& by_belief = work.column;
+    for (std::ptrdiff_t column = columns - 1; column >= 0; --column) {
+      const std::size_t index = static_cast<std::size_t>(column);
+      const std::ptrdiff_t goal = inputs.goal[index];
+      const std::uint8_t previous = inputs.previous_action[index];
+      const auto belief = work.belief.col(column);
+      by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
+      const Turning weight = s.turnings(previous);
+      const WeighedSides sides(belief, work.weights, goal, weight);
+      const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
+      const S mean = (before * sides.before + after * sides.after) / sides.all();
+      const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
+      const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
+        part += by * weights;
+        ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
+      };
+      by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
+              log_distances_.head(goal).reverse(), by_before * weight.before);
+      const std::ptrdiff_t rest = places_ - goal - 1;
+      by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
+              by_after * weight.after);
+      if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
+      if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
+      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+        by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
+      });
+      auto by_score = work.by_score.col(column);
+      by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
+
+      const S tempered = 1 / (1 + s.tempering * work.step(column));
+      const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
+      ds.evidence += by_evidence;
+      ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
+      if (column < agents || inputs.first[index]) continue;
+      auto by_score_before = work.by_score.col(column - agents);
+      if (work.motion.exact()) {
+        work.motion.unshift(previous, by_score, by_score_before);
+        continue;
+      }
+      const auto moved = work.moved.col(column).array();
+      work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
+      const auto from = work.belief.col(column - agents);
+      work.motion.unmove(previous, work.column, work.by_moved);
+      by_score_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
+    }
+  }
   Scalars scalars(const Vector<S>& parameters) const {
     const auto stored = layout_.view(parameters, scalars_);
     const auto value = [&](int scalar) { return std::exp(static_cast<S>(kStretch) * stored(scalar)); };
     return {value(kEvidence), value(kTempering), value(kNearness), value(kTurning), value(kDirectness)};
-  }
-  static Turning turning(const Scalars& s, std::uint8_t previous) {
-    return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
   }
 
   /// Calls use(input, first, count) with the places of each input that is a mass by distance.
@@ -350,6 +374,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
   int places_, units_, inputs_;
   std::vector<int> mirror_;
+  bool sparse_;  ///< beliefs are
   PlaceKeys<S> keys_;
   Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
   Motion<S> motion_;

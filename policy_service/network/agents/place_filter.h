@@ -19,6 +19,22 @@ namespace place_filter {
 enum { kEvidence, kTempering, kNearness, kTurning, kDirectness, kScalars };  ///< rows of filter.scalars
 constexpr int kScales = 8;                                                   ///< masses by distance, on each side
 
+template <class S>
+struct Sides {
+  S before = 0, after = 0;  ///< of the goal
+};
+
+/// What filter.scalars says.
+template <class S>
+struct Scalars {
+  S evidence, tempering, nearness, turning, directness;
+
+  /// Returns the weights of the sides after an action.
+  Sides<S> turnings(std::uint8_t previous) const {
+    return {previous == kPrevious ? turning : S(1), previous == kNext ? turning : S(1)};
+  }
+};
+
 /// Returns the probability of a slip from the tensor filter.slip, where it is learned.
 template <class S>
 S learned_slip(S stored) {

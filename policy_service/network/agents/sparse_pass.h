@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "policy_service/network/agents/sparse_inputs.h"
+
+namespace citylearn::place_filter {
+
+/// The passes of place_filter where beliefs are sparse, up to the head's inputs, with what the backward pass needs.
+template <class S>
+class SparsePass {
+ public:
+  SparsePass(const PlaceKeys<S>& keys, const Motion<S>& motion) : filter_(keys, motion) {}
+  void set_slip(S slip) { filter_.set_slip(slip); }
+
+  /// Sets the inputs that depend on beliefs, and the state after the last step. `state` is that before the first.
+  void forward(const NetworkInputs<S>& inputs, const Matrix<S>& state, const Scalars<S>& s, Matrix<S>& head_input,
+               Matrix<S>& next_state) {
+    const auto agents = static_cast<std::size_t>(inputs.agents), columns = inputs.goal.size();
+    inputs_.set_nearness(s.nearness, inputs.frames);
+    before_.resize(agents);
+    steps_.resize(columns);
+    sides_.resize(columns);
+    for (std::size_t column = 0; column < columns; ++column) {
+      SparseStep<S>& step = steps_[column];
+      step.before = column < agents ? &before_[column] : &steps_[column - agents].after;
+      step.seen = inputs.seen[column];
+      step.goal = inputs.goal[column];
+      step.action = inputs.previous_action[column];
+      step.allowed = inputs.allowed[column];
+      step.first = inputs.first[column];
+      if (column < agents && !step.first)
+        before_[column].load(state.col(static_cast<std::ptrdiff_t>(column)), inputs.frames);
+    }
+    for (std::size_t tick = 0; tick < columns; tick += agents)
+      filter_.advance(inputs.features, inputs.frames, s.evidence, s.tempering, std::span(steps_).subspan(tick, agents));
+    for (std::size_t column = 0; column < columns; ++column)
+      sides_[column] = inputs_.read(steps_[column], inputs.frames, s.turnings(steps_[column].action),
+                                    head_input.col(static_cast<std::ptrdiff_t>(column)));
+    next_state.resize(SparseBelief<S>::kStateSize, inputs.agents);
+    for (std::size_t agent = 0; agent < agents; ++agent)
+      steps_[columns - agents + agent].after.store(next_state.col(static_cast<std::ptrdiff_t>(agent)));
+  }
+
+  /// Adds to the derivatives by the scalars.
+  void backward(const NetworkInputs<S>& inputs, const Scalars<S>& s, const Matrix<S>& by_input, Scalars<S>& ds) {
+    const auto agents = static_cast<std::size_t>(inputs.agents);
+    by_before_.resize(steps_.size());
+    for (std::size_t column = steps_.size(); column-- > 0;) {
+      const SparseStep<S>& step = steps_[column];
+      const Sides<S>& sides = sides_[column];
+      inputs_.unread(step, inputs.frames, s.turnings(step.action), sides,
+                     by_input.col(static_cast<std::ptrdiff_t>(column)), by_);
+      ds.nearness += by_.by_nearness;
+      if (step.action == kPrevious) ds.turning += by_.by_sides.before * sides.before / s.turning;
+      if (step.action == kNext) ds.turning += by_.by_sides.after * sides.after / s.turning;
+      if (const std::size_t next = column + agents; next < steps_.size() && !steps_[next].first) {
+        const std::vector<S>& by_next = by_before_[next];  // places that were dropped are elsewhere then
+        by_.by_elsewhere += by_next.back();
+        for (S& by_share : by_.by_share) by_share += by_next.back();
+        for (std::size_t i = 0; i < step.active.size(); ++i)
+          by_.by_share[static_cast<std::size_t>(step.active[i])] += by_next[i] - by_next.back();
+      }
+      const S by_weight = filter_.backward(step, inputs.frames, by_.by_share, by_.by_elsewhere, by_before_[column]);
+      const S tempered = 1 / (1 + s.tempering * step.after.steps);
+      ds.evidence += tempered * by_weight;
+      ds.tempering -= s.evidence * by_weight * tempered * tempered * step.after.steps;
+    }
+  }
+
+ private:
+  SparseFilter<S> filter_;
+  SparseInputs<S> inputs_;
+  std::vector<SparseBelief<S>> before_;    // B, before the first step
+  std::vector<SparseStep<S>> steps_;       // TB
+  std::vector<Sides<S>> sides_;            // TB, what the inputs have read
+  std::vector<std::vector<S>> by_before_;  // TB
+  typename SparseInputs<S>::Derivatives by_;
+};
+
+}  // namespace citylearn::place_filter

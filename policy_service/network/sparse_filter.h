@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "policy_service/network/motion.h"
+#include "policy_service/network/place_keys.h"
+
+namespace citylearn {
+
+/// What an agent on a long route believes. Active places have a probability of their own. All others of the route's N
+/// places share the rest evenly.
+template <class S>
+struct SparseBelief {
+  static constexpr int kMaxActive = 1024, kStateSize = 4 + 2 * kMaxActive;
+
+  std::vector<int> places;  ///< active ones, in no order
+  std::vector<S> shares;    ///< probability of each
+  S elsewhere = 1;          ///< probability of all other places together
+  S steps = 0;              ///< since the episode's start, or since the agent was lost
+  S doubt = 0;              ///< see SparseFilter
+
+  /// Writes it to kStateSize numbers.
+  void store(Eigen::Ref<Vector<S>> state) const;
+  /// Reads what store() wrote. Other numbers give some belief over the first `frames` places.
+  void load(const Eigen::Ref<const Vector<S>>& state, int frames);
+  /// Returns scores of N places; their softmax is the belief.
+  Vector<S> scores(int frames) const;
+};
+
+/// A step of one agent: what happened, what it believes then, and what the backward pass needs.
+template <class S>
+struct SparseStep {
+  const SparseBelief<S>* before = nullptr;  ///< not looked at where `first`
+  int seen = 0;                             ///< column of the features
+  int goal = 0;
+  std::uint8_t action = 0, allowed = 0;  ///< the action that led here, and those allowed here
+  bool first = false;                    ///< an episode's first observation
+
+  std::vector<int> places;  ///< where the agent may be: what was active and where that leads, or all places
+  std::vector<S> shares;    ///< belief in each
+  S elsewhere = 0;          ///< belief in all others together
+  SparseBelief<S> after;    ///< without the places that do not matter
+
+  std::vector<S> prior, similarity;  ///< of `places`: belief before anything was seen; how much each looks like it
+  S even = 0, kept = 0;              ///< prior of each other place; share of `before` that was not given up
+  S slope = 0;                       ///< mean similarity of other places, by their weight
+  std::vector<int> active;           ///< indices of the active among `places`
+};
+
+/// A Bayes filter over a long route, as place_filter.cc describes it, that looks at few places. All are looked at when
+/// an episode begins, when much of the belief is elsewhere, and when the agent is lost. Otherwise the evidence for all
+/// other places together is the mean of that for kProbes of them.
+///
+/// An agent is lost when its doubt exceeds kMaxDoubt. Doubt is a cumulative sum (Page, 1954) of the share of probes
+/// that look at least as much like what is seen as the places believed in, less kUsualShare. Where the agent is right
+/// that share is near 0, and where it is lost 1/2 on average, whatever the features are. A lost agent gives up half of
+/// its belief, and its evidence counts again as at an episode's start. Used by one thread.
+template <class S>
+class SparseFilter {
+ public:
+  /// `keys` are compact and outlive it.
+  SparseFilter(const PlaceKeys<S>& keys, const Motion<S>& motion) : keys_(keys), motion_(motion) {}
+
+  void set_slip(S slip) { motion_.set_slip(slip); }
+  /// Fills the steps of several agents, on the route's first `frames` places. What is seen weighs
+  /// exp(evidence / (1 + tempering * steps) * similarity).
+  void advance(const Matrix<S>& features, int frames, S evidence, S tempering, std::span<SparseStep<S>> steps);
+  /// Returns the loss's derivative by the step's weight of the evidence. `by_share` and `by_elsewhere`: derivatives by
+  /// the step's own; `by_before`: sets the derivatives by the shares of `before`, then by its `elsewhere`.
+  S backward(const SparseStep<S>& step, int frames, const std::vector<S>& by_share, S by_elsewhere,
+             std::vector<S>& by_before);
+
+ private:
+  static constexpr std::ptrdiff_t kProbes = 64;
+  static constexpr S kLeast = S(1e-6), kUsualShare = S(0.15), kMaxDoubt = 1;
+
+  static bool lost(const SparseStep<S>& step) { return step.before->doubt > kMaxDoubt; }
+  static bool looks(const SparseStep<S>& step) {
+    constexpr S kBeginning = 4;  // steps
+    const S most = S(step.first || step.before->steps < kBeginning ? 0.01 : 0.5);
+    return step.first || lost(step) || step.before->elsewhere > most;
+  }
+  void move(SparseStep<S>& step, int frames, bool everywhere);
+  void exclude(SparseStep<S>& step, int frames, std::ptrdiff_t column);
+  void see(SparseStep<S>& step, int frames, std::ptrdiff_t column, S weight);
+  static void keep_active(SparseStep<S>& step);
+
+  const PlaceKeys<S>& keys_;
+  Motion<S> motion_;
+  PlaceKeys<S> probes_;
+  int frames_ = 0;                                   // among which the probes are
+  std::vector<int> slots_, looking_;                 // N, -1 or index among a step's places; steps that look at all
+  Matrix<S> seen_, looked_, probed_, wide_, block_;  // D x steps, D x looking; probes x steps, N x looking
+  Vector<S> key_, moved_, by_prior_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/network/sparse_filter.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "policy_service/network/agent_network.h"
+#include "policy_service/rollout/control.h"
+#include "tests/support/env/env.h"
+#include "tests/support/networks/small_networks.h"
+
+namespace citylearn::testing {
+namespace {
+
+constexpr int kNever = 1 << 30;
+
+/// A route whose neighbouring places look alike.
+template <class S>
+struct Route {
+  explicit Route(int frames, int features) {
+    task.features = features;
+    task.frames = frames;
+    task.reference.resize(features, frames);
+    Vector<float> look = Vector<float>::Zero(features);
+    for (int place = 0; place < frames; ++place) {
+      for (float& value : look) value = 0.8f * value + 0.6f * static_cast<float>(random.normal());
+      task.reference.col(place) = look.normalized();
+    }
+  }
+  std::unique_ptr<AgentNetwork<S>> network(int sparse_from, const std::map<std::string, double>& parameters) const {
+    NetworkTask what = task;
+    what.sparse_from = sparse_from;
+    const auto& entry = NetworkRegistry<S>::instance().find("network", "place_filter");
+    return entry.create(Parameters(entry.name, entry.parameters, parameters), what);
+  }
+  /// Lets an agent at `position` see its place, with noise.
+  void show(NetworkInputs<S>& inputs, int column, int position, int goal, std::uint8_t action, bool first,
+            double noise) {
+    const auto index = static_cast<std::size_t>(column);
+    Vector<S> seen = task.reference.col(position).cast<S>();
+    for (S& value : seen) value += static_cast<S>(noise * random.normal() / std::sqrt(task.features));
+    inputs.see(column, -1, seen.normalized());
+    inputs.position[index] = position;
+    inputs.goal[index] = goal;
+    inputs.previous_action[index] = action;
+    inputs.first[index] = first;
+    inputs.allowed[index] = position == 0 ? 0b011 : position == task.frames - 1 ? 0b101 : 0b111;
+  }
+
+  NetworkTask task;
+  Random random{7};
+};
+
+struct Agreement {
+  double worst = 0, mean = 0;               ///< difference of an action's probabilities before any kidnapping
+  int dense_astray = 0, sparse_astray = 0;  ///< steps at which the likeliest place is not next to the agent's
+  int episodes = 0;
+};
+
+/// Walks 8 agents for 1,000 steps each, as the dense filter says. Goals are near or far; the ends are walked to.
+Agreement compare(const std::map<std::string, double>& told, double slips, double kidnaps, double noise) {
+  constexpr int kAgents = 8, kPlaces = 2500;
+  Route<float> route(kPlaces, 64);
+  Random& random = route.random;
+  const auto dense = route.network(kNever, told), sparse = route.network(0, told);
+  Vector<float> parameters;
+  dense->initialise(random, parameters);
+  for (float& value : parameters) value += 0.02f * static_cast<float>(random.normal());
+  const auto dense_work = dense->make_workspace(), sparse_work = sparse->make_workspace();
+  dense_work->state = Matrix<float>::Zero(dense->state_size(), kAgents);
+  sparse_work->state = Matrix<float>::Zero(sparse->state_size(), kAgents);
+  struct Agent {
+    int position = 0, goal = 0, age = 0;
+    bool kidnapped = false;
+    std::uint8_t action = static_cast<std::uint8_t>(kNoAction);
+  };
+  std::vector<Agent> agents(kAgents);
+  Agreement result;
+  const auto place = [&] { return static_cast<int>(random.below(kPlaces)); };
+  const auto begin = [&] {
+    ++result.episodes;
+    Agent agent;
+    agent.position = random.below(8) == 0 ? static_cast<int>(random.below(5)) : place();
+    do
+      agent.goal = random.below(2)
+                       ? place()
+                       : std::clamp(agent.position + static_cast<int>(random.below(41)) - 20, 0, kPlaces - 1);
+    while (agent.goal == agent.position);
+    return agent;
+  };
+  for (Agent& agent : agents) agent = begin();
+  int compared = 0;
+  NetworkInputs<float> inputs;
+  for (int step = 0; step < 1000; ++step) {
+    inputs.resize(64, 1, kAgents);
+    inputs.frames = kPlaces;
+    for (int a = 0; a < kAgents; ++a) {
+      const Agent& agent = agents[static_cast<std::size_t>(a)];
+      route.show(inputs, a, agent.position, agent.goal, agent.action, agent.age == 0, noise);
+    }
+    const Matrix<float> dense_before = dense_work->state, sparse_before = sparse_work->state;
+    dense->forward(parameters, inputs, dense_before, *dense_work);
+    sparse->forward(parameters, inputs, sparse_before, *sparse_work);
+    for (int a = 0; a < kAgents; ++a) {
+      Agent& agent = agents[static_cast<std::size_t>(a)];
+      const auto policy = [&](const Workspace<float>& of) {
+        const Eigen::Array3d logits = of.heads.logits.col(a).cast<double>().array();
+        const Eigen::Array3d odds = (logits - logits.maxCoeff()).exp();
+        return Eigen::Array3d(odds / odds.sum());
+      };
+      const auto astray = [&](const AgentNetwork<float>& network, const Workspace<float>& of) {
+        std::ptrdiff_t likeliest = 0;
+        network.belief(of.state.col(a)).maxCoeff(&likeliest);
+        return std::abs(likeliest - agent.position) > 1;
+      };
+      result.dense_astray += astray(*dense, *dense_work);
+      result.sparse_astray += astray(*sparse, *sparse_work);
+      const Eigen::Array3d wanted = policy(*dense_work);
+      if (!agent.kidnapped) {
+        const double difference = (wanted - policy(*sparse_work)).abs().maxCoeff();
+        result.worst = std::max(result.worst, difference);
+        result.mean += difference;
+        ++compared;
+      }
+      const double draw = random.uniform();
+      agent.action = draw < wanted(0) ? kStay : draw < wanted(0) + wanted(1) ? kNext : kPrevious;
+      if (!(inputs.allowed[static_cast<std::size_t>(a)] >> agent.action & 1)) agent.action = kStay;
+      const int times = random.uniform() < slips ? 2 * static_cast<int>(random.below(2)) : 1;
+      agent.position = place_after(agent.position, agent.action, {}, times, kPlaces);
+      if (random.uniform() < kidnaps) {
+        agent.position = place();
+        agent.kidnapped = true;
+      }
+      if (agent.position == agent.goal || ++agent.age > 120) agent = begin();
+    }
+  }
+  result.mean /= compared;
+  return result;
+}
+
+TEST(SparseFilter, ActsAsTheDenseFilter) {
+  const Agreement exact = compare({{"slip", 0}}, 0, 0, 1), learned = compare({}, 0, 0, 1),
+                  noisy = compare({}, 0.1, 0, 2), told = compare({{"slip", 0.1}, {"kidnap", 0.01}}, 0.1, 0, 2);
+  for (const Agreement& one : {exact, learned}) {
+    EXPECT_GE(one.episodes, 100);
+    EXPECT_LE(one.worst, 1e-3);
+    EXPECT_LE(one.mean, 1e-6);
+  }
+  for (const Agreement& one : {noisy, told}) {
+    EXPECT_LE(one.worst, 0.03);
+    EXPECT_LE(one.mean, 1e-4);
+    EXPECT_LE(one.sparse_astray, 1.05 * one.dense_astray + 10);
+  }
+}
+
+/// A kidnapped agent has to be found again, no later than the dense filter finds it.
+TEST(SparseFilter, LooksAtAllPlacesAgainWhenItIsLost) {
+  for (const std::map<std::string, double>& told :
+       {std::map<std::string, double>{}, {{"slip", 0.1}, {"kidnap", 0.01}}}) {
+    const Agreement one = compare(told, 0.1, 0.01, 1);
+    EXPECT_GT(one.dense_astray, 100) << "there were kidnappings";
+    EXPECT_LE(one.sparse_astray, one.dense_astray);
+    EXPECT_LE(one.worst, 0.03);
+  }
+}
+
+/// The gradient reaches s, h, g, u and d through the active places, through looks at all, and through what is
+/// elsewhere.
+TEST(SparseFilter, DifferentiatesWhatItComputes) {
+  constexpr int kSteps = 6, kAgents = 3;
+  for (const double kidnap : {0.0, 0.1}) {
+    Route<double> route(60, 8);
+    const auto network = route.network(0, {{"units", 5}, {"slip", 2 * kidnap}, {"kidnap", kidnap}});
+    Vector<double> parameters;
+    network->initialise(route.random, parameters);
+    for (double& value : parameters) value += 0.1 * route.random.normal();
+    NetworkInputs<double> inputs;
+    inputs.resize(8, kSteps, kAgents);
+    inputs.frames = 60;
+    for (int t = 0; t < kSteps; ++t)
+      for (int b = 0; b < kAgents; ++b) {
+        const bool first = (t == 0 && b < 2) || (t == 3 && b == 1);
+        const int position = b == 2 && t < 2 ? 0 : 20 + 10 * b + t;
+        route.show(inputs, t * kAgents + b, position, 5 + 20 * b, first ? std::uint8_t{kNoAction} : std::uint8_t{kNext},
+                   first, 1);
+      }
+    SparseBelief<double> lost;  // agent 2 begins lost
+    lost.places = {7, 8, 30};
+    lost.shares = {0.5, 0.2, 0.1};
+    lost.elsewhere = 0.2;
+    lost.doubt = 2;
+    Matrix<double> state = Matrix<double>::Zero(network->state_size(), kAgents);
+    lost.store(state.col(2));
+    const auto workspace = network->make_workspace();
+    network->forward(parameters, inputs, state, *workspace);
+    Heads<double> weights = workspace->heads;
+    for (std::ptrdiff_t i = 0; i < weights.logits.size(); ++i)
+      weights.logits(i) = weights.logits(i) < -1e8 ? 0 : 1 + static_cast<double>(i % 7);
+    for (std::ptrdiff_t i = 0; i < weights.values.size(); ++i) weights.values(i) = 1 + static_cast<double>(i % 5);
+    Vector<double> gradient = Vector<double>::Zero(parameters.size());
+    network->backward(parameters, inputs, *workspace, weights, gradient);
+    const double largest = gradient.head(5).cwiseAbs().minCoeff();
+    EXPECT_GT(largest, 1e-9) << "all of filter.scalars matter";
+    const auto sum = [&] {
+      network->forward(parameters, inputs, state, *workspace);
+      return workspace->heads.logits.cwiseProduct(weights.logits).sum() +
+             workspace->heads.values.cwiseProduct(weights.values).sum();
+    };
+    for (std::ptrdiff_t i = 0; i < parameters.size(); ++i)
+      ASSERT_NEAR(gradient(i), central_difference(parameters(i), sum), 1e-6 * gradient.cwiseAbs().maxCoeff()) << i;
+  }
+}
+
+TEST(SparseFilter, HasAStateOfOneSizeAndBearsAnyNumbersInIt) {
+  Route<float> route(2048, 8);
+  const auto network = route.network(kSparsePlaces, {});
+  EXPECT_EQ(network->state_size(), SparseBelief<float>::kStateSize);
+  EXPECT_EQ(Route<float>(2047, 8).network(kSparsePlaces, {})->state_size(), 2048);
+  Vector<float> parameters;
+  network->initialise(route.random, parameters);
+  NetworkInputs<float> inputs;
+  const auto work = network->make_workspace();
+  for (const float number : {-1.0f, 1e30f, 0.5f}) {
+    inputs.resize(8, 1, 1);
+    inputs.frames = 2048;
+    route.show(inputs, 0, 1000, 3, kNext, false, 1);
+    network->forward(parameters, inputs, Matrix<float>::Constant(network->state_size(), 1, number), *work);
+    EXPECT_TRUE(work->heads.logits.allFinite() && work->state.allFinite());
+    EXPECT_NEAR(network->belief(work->state.col(0)).array().exp().sum(), 1, 1e-3);
+  }
+}
+
+TEST(SequenceFilter, WalksTheSameWaysWithASparseBelief) {
+  constexpr int kPlaces = 300, kAgents = 4;
+  const Traversal city = small_city(kPlaces, 32);
+  ControlTask task{0, kPlaces, Eigen::Map<const Matrix<float>>(city.features.data(), 32, kPlaces)};
+  const auto& entry = ControlRegistry::instance().find("control", "sequence_filter");
+  const Parameters parameters(entry.name, entry.parameters, {});
+  const auto dense = entry.create(parameters, task);
+  task.sparse_from = 0;
+  const auto sparse = entry.create(parameters, task);
+  Environment environment(city, kAgents);
+  environment.reset(settings(msg::TRAIN, kPlaces, kPlaces));
+  msg::Observation seen;
+  std::vector<std::uint8_t> choice, other;
+  for (int step = 0; step < 400; ++step) {
+    environment.observe(seen);
+    dense->act(seen, choice);
+    sparse->act(seen, other);
+    ASSERT_EQ(choice, other) << "step " << step;
+    environment.step(choice);
+  }
+  msg::Belief dense_belief, sparse_belief;
+  dense->believe(dense_belief);
+  sparse->believe(sparse_belief);
+  for (std::size_t agent = 0; agent < kAgents; ++agent)
+    EXPECT_EQ(dense_belief.likely()[8 * agent], sparse_belief.likely()[8 * agent]);
+}
+
+}  // namespace
+}  // namespace citylearn::testing
