@@ -26,6 +26,7 @@ REPEATED = {
     "threads": ["--rounds", "3"],
     "encoding": ["--rounds", "3"],
     "startup": ["--rounds", "3"],
+    "beliefs": [],
     "peers": ["--environments"],
 }
 
