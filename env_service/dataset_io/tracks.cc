@@ -26,10 +26,13 @@ using Points = std::vector<TrackPoint>;
 
 constexpr double kMaxPause = 10;  // seconds between segments over which places are still interpolated
 
-double number(std::string_view text) {
+/// Reads a number up to one of `ends`, or the text's end: "48,2" is none.
+double number(std::string_view text, std::string_view ends = " \t\r\n") {
   while (!text.empty() && (text.front() == ' ' || text.front() == '+')) text.remove_prefix(1);
   double value = 0;
-  return std::from_chars(text.data(), text.data() + text.size(), value).ec == std::errc() ? value : kUnknown;
+  const char* const end = text.data() + text.size();
+  const auto [after, error] = std::from_chars(text.data(), end, value);
+  return error == std::errc() && (after == end || ends.find(*after) != ends.npos) ? value : kUnknown;
 }
 
 /// Returns the name of an element without the prefix of its namespace.
@@ -76,12 +79,13 @@ Points read_gpx(const XMLElement& root) {
   return points;
 }
 
-/// Reads "longitude separator latitude separator height".
+/// Reads a longitude, a latitude and a height with a separator between them.
 TrackPoint kml_point(double time, std::string_view text, char separator) {
   while (!text.empty() && std::isspace(static_cast<unsigned char>(text.front()))) text.remove_prefix(1);
   const std::size_t second = text.find(separator);
   if (second == text.npos) return {time, kUnknown, kUnknown};
-  return {time, number(text.substr(second + 1)), number(text)};
+  const std::string ends = std::string(" \t\r\n") + separator;
+  return {time, number(text.substr(second + 1), ends), number(text, ends)};
 }
 
 /// KML 2.2 and 2.3 (OGC): tracks, whose coordinates follow all their times, and points with a time each. A LineString
@@ -99,10 +103,9 @@ Points read_kml(const XMLElement& root, const std::string& path) {
     if (next != times.size()) fail_unequal(times.size(), next, path);
   });
   each_below(root, "Placemark", [&](const XMLElement& mark) {
-    const XMLElement *const stamp = child(mark, "TimeStamp"), *const place = child(mark, "Point");
-    const XMLElement *const when = stamp ? child(*stamp, "when") : nullptr, *const coordinates =
-                                                                                place ? child(*place, "coordinates")
-                                                                                      : nullptr;
+    const XMLElement *when = child(mark, "TimeStamp"), *coordinates = child(mark, "Point");
+    if (when) when = child(*when, "when");
+    if (coordinates) coordinates = child(*coordinates, "coordinates");
     if (when && coordinates) points.push_back(kml_point(time_in(when), text_of(*coordinates), ','));
   });
   if (points.empty())
@@ -180,7 +183,10 @@ GpsRows rows_of(Points points, const std::string& path) {
   bool begins = false;
   for (const TrackPoint& point : points) {
     begins |= point.begins;
-    if (std::isnan(point.latitude) || std::isnan(point.longitude)) continue;
+    if (std::isnan(point.latitude) || std::isnan(point.longitude)) {
+      begins = true;  // where it was meanwhile is not known
+      continue;
+    }
     if (std::abs(point.latitude) > 90 || std::abs(point.longitude) > 180)
       throw Error(fmt::format("has a point at {}, {}: not a latitude and a longitude in degrees", point.latitude,
                               point.longitude),

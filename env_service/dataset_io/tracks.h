@@ -20,9 +20,9 @@ struct TrackPoint {
 const std::vector<std::string>& track_suffixes();
 
 /// Reads a track by its ending: .gpx, .nmea, .kml or .geojson. Returns its fixes by time, with a row of unknown place
-/// where a segment ends and the next one begins more than 10 s later. Points without time are left out and counted in
-/// a warning. `near`, seconds since 1970, tells the day of logs that have only hours. Throws Error naming the file:
-/// broken, a place beyond the earth, or no point with a time.
+/// where a segment ends, or fixes do, and the next one begins more than 10 s later. Points without time are left out
+/// and counted in a warning. `near`, seconds since 1970, tells the day of logs that have only hours. Throws Error
+/// naming the file: broken, a place beyond the earth, or no point with a time.
 GpsRows read_track(const std::string& path, double near);
 
 /// Reads the fixes of NMEA 0183: GGA, else RMC, of the receiver that has most of them in the best quality; days are

@@ -71,6 +71,7 @@ TEST(Tracks, GpxInAnyForm) {
                             gpx_point("2026-06-01T12:00:10Z") + "</trkseg><trkseg>" + gpx_point("2026-06-01T12:00:30Z");
   EXPECT_EQ(Read("<wpt lat='9' lon='9'/>").error.empty(), false);
   EXPECT_EQ(Read(gpx(pause)).points, "+0 1,2\n+10 1,2\n+20 nan,nan\n+30 1,2\n") << "unknown in a pause";
+  EXPECT_TRUE(contains(Read(gpx(gpx_point("2026-06-01T12:00:00Z", "lat='48,2' lon='2'"))).error, "has no fix"));
   EXPECT_TRUE(contains(Read(gpx(gpx_point(""))).error, "x.gpx: has places without times"));
   EXPECT_TRUE(contains(Read(gpx(gpx_point("2026-06-01T12:00:00Z", "lat='91' lon='2'"))).error, "not a latitude"));
   EXPECT_TRUE(contains(Read("<gpx><trk>").error, "x.gpx:1: is not XML"));
@@ -115,6 +116,9 @@ TEST(Tracks, NmeaOfOneReceiverOverMidnight) {
   const Log log;
   EXPECT_EQ(Read(text, ".NMEA").points, "-43202 -1.51,2\n-43201 -1.51,2\n-43200 -1.51,2\n-43199 -1.51,2\n");
   EXPECT_TRUE(log.has("1 sentences are broken")) << log.text();
+  text = nmea("GPGGA,120000,0130.0,N,00200.0,E,1,05,2.0,5,M,47,M,,") + nmea("GPGGA,120010,,,,,0,00,,,M,,M,,") +
+         nmea("GPGGA,120030,0130.6,N,00200.0,E,1,05,2.0,5,M,47,M,,");
+  EXPECT_EQ(Read(text, ".nmea").points, "+0 1.5,2\n+15 nan,nan\n+30 1.51,2\n") << "half a minute without a fix";
   // Hours alone: the day is the one nearest to the frames.
   EXPECT_EQ(Read(nmea("GPGGA,235959,0130.0000,N,00200.0000,W,1,05,2.0,5,M,47,M,,"), ".nmea", kNoon - 43190).points,
             "-43201 1.5,-2\n");
