@@ -22,7 +22,8 @@ std::vector<std::string> names() {
   std::vector<std::string> result;
   for (const auto* entry : EncoderRegistry::instance().entries()) {
     try {
-      if (entry->create(Parameters(entry->name, entry->parameters, {}), files_of(entry->name)))
+      // Each test lists them all, and those of a file take a while to start.
+      if (!files_of(entry->name).model.empty() || entry->create(Parameters(entry->name, entry->parameters, {}), {}))
         result.push_back(entry->name);
     } catch (const Error&) {
     }
