@@ -11,7 +11,15 @@
 
 namespace citylearn {
 
-std::string encoder_names() { return joined(EncoderRegistry::instance().entries(), &EncoderRegistry::Entry::name); }
+std::string encoder_names() {
+  return joined(EncoderRegistry::instance().entries(), &EncoderRegistry::Entry::name) + ", or FILE.py";
+}
+
+ChosenEncoder choose_encoder(const std::string& name, EncoderFiles files) {
+  const bool file = name.ends_with(".py");
+  if (file) files.model = name;
+  return {EncoderRegistry::instance().find("encoder", file ? "python" : name), std::move(files)};
+}
 
 void add_encoder_options(CLI::App& app, EncoderFiles& files,
                          std::map<std::string, std::map<std::string, double>>& parameters, const std::string& group) {

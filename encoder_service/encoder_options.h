@@ -13,8 +13,17 @@ class App;
 
 namespace citylearn {
 
-/// Returns all encoders for --help: "hog, onnx, vlad".
+/// Returns all that --encoder takes for --help: "hog, onnx, vlad, or FILE.py".
 std::string encoder_names();
+
+/// What --encoder names.
+struct ChosenEncoder {
+  const EncoderRegistry::Entry& entry;
+  EncoderFiles files;
+};
+/// Returns the encoder of this name. FILE.py stands for the encoder `python` with that file instead of --model. Throws
+/// Error when it is unknown.
+ChosenEncoder choose_encoder(const std::string& name, EncoderFiles files);
 
 /// Adds --model, --layer, --preset and --head under `group`, and --ENCODER-PARAMETER for each parameter of each
 /// encoder; those given end up in `parameters`, by encoder.

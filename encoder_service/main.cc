@@ -62,7 +62,9 @@ void list() {
 }
 
 int serve(CommandLine& line) {
-  EncoderRegistry::instance().find("encoder", line.service.encoder);
+  ChosenEncoder chosen = choose_encoder(line.service.encoder, line.service.files);
+  line.service.encoder = chosen.entry.name;
+  line.service.files = std::move(chosen.files);
   for (const auto& [name, given] : line.parameters)
     if (name != line.service.encoder && !given.empty())
       throw Error("is for encoder " + name + ", but the encoder is " + line.service.encoder,

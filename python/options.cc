@@ -113,6 +113,12 @@ Keywords with_training(const Keywords& given, const TrainingData& learned) {
     all.emplace("encoder", recipe->encoder_option());
     all.emplace("reference", first.traversal);
   }
+  // A checkpoint does not say which program is run: whoever evaluates it does.
+  const auto named = all.find("encoder");
+  if (named != all.end() && (named->second == "python" || named->second.ends_with(".py"))) {
+    named->second = "python";
+    all.erase("model");
+  }
   for (const auto& [name, value] : given) all[name] = value;
   if (!all.contains("condition")) all.emplace("traversal", first.traversal);
   if (const auto found = all.find("align_to"); found != all.end() && announced(found->second, all["traversal"]))
@@ -168,13 +174,13 @@ Traversal taught_reference(const RecordingOptions& options, const TrainingData& 
 /// Turns pictures into features as an encoder_service with these options does, or did in the training. Returns what it
 /// would announce as TraversalInfo.encoder.
 std::string encode(Traversal& pictures, Dataset& dataset, RecordingOptions& options, const TrainingData& learned) {
-  const auto& entry = EncoderRegistry::instance().find("encoder", options.encoder);
+  const auto [entry, files] = choose_encoder(options.encoder, options.files);
   const auto encoder = entry.create(
-      Parameters("encoder " + entry.name, entry.parameters, options.encoder_parameters[entry.name]), options.files);
+      Parameters("encoder " + entry.name, entry.parameters, options.encoder_parameters[entry.name]), files);
   const std::string store = options.store == "none" ? "" : options.store;
   const auto taught =
       learned.known() ? FeatureRecipe::parse(learned.traversals.front().encoder.value_or("")) : std::nullopt;
-  ReductionOptions how = reduction_for(options.encoder, options.reduction);
+  ReductionOptions how = reduction_for(entry.name, options.reduction);
   if (const auto before = taught ? options_of(taught->reduction) : std::nullopt; before && !options.reduction_given)
     how = *before;
   FeatureRecipe recipe{.encoder = "", .reduction = recipe_of(how)};

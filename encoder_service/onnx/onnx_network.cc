@@ -280,7 +280,9 @@ cv::Mat OnnxNetwork::run(const cv::Mat& input) {
   } catch (const std::exception& exception) {
     throw Error(onnx_library() + " cannot run it on a picture of " + std::to_string(width_) + " x " +
                     std::to_string(height_) + " up to layer '" + layer_ + "': " + exception.what(),
-                path_, "is that the size it was made for? docs/how-to/use-an-onnx-encoder.md says how to export");
+                path_,
+                "is that the size it was made for? docs/how-to/use-an-onnx-encoder.md says how to export, and "
+                "docs/how-to/use-a-python-encoder.md how to run it in Python");
   }
   if (output.type() != CV_32F || output.dims < 2 || output.size[0] != input.size[0] || output.total() == 0 ||
       (numbers_ > 0 && output.total() != numbers_ * output.size[0]) || !output.isContinuous())

@@ -127,7 +127,7 @@ class OnnxChecker {
         throw Error("OpenCV reads operator " + node->op_type() + ", node '" +
                         one_line(node->name().empty() ? node->output(0) : node->name()) +
                         "', otherwise than ONNX defines: " + found.first,
-                    where, found.second);
+                    where, std::string(found.second) + "; or run it in Python: docs/how-to/use-a-python-encoder.md");
     }
   }
 

@@ -63,9 +63,10 @@ class OpencvBackend : public OnnxBackend {
       net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
       net_.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
     } catch (const std::exception& exception) {
-      throw Error(import_fault(exception, file.opset), where,
-                  "run it in Python for a file of features, or on Debian 13, where ONNX Runtime runs it; or export it "
-                  "as docs/how-to/use-an-onnx-encoder.md says");
+      throw Error(
+          import_fault(exception, file.opset), where,
+          "run it in Python by --encoder FILE.py, as docs/how-to/use-a-python-encoder.md says, or on Debian 13, "
+          "where ONNX Runtime runs it; or export it as docs/how-to/use-an-onnx-encoder.md says");
     }
   }
 

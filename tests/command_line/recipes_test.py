@@ -203,6 +203,17 @@ class Recipes(CommandLine):
             self.learn(words, "--no-dashboard", "--evaluate", "summer")
         self.assertRegex(self.run_command(*table), r"relabel")
 
+    def test_an_encoder_in_python(self):
+        (self.folder / "my_encoder.py").write_text((SOURCE / "tests/support/encoder.py").read_text())
+        self.environment["CITYLEARN_PYTHON"] = "/usr/bin/python3"
+        demo, vpr, _ = self.take("use-a-python-encoder", "./run demo", "./run vpr", "./run encoder --encoder my_encoder.py")
+        self.learn(demo, "--no-dashboard", "--evaluate", "summer,fall", "--output", "out")
+        self.assertGreater(self.results("out")["summer"]["spl"], 0.5)
+        self.assertRegex(self.run_command(*vpr, "--frames", "0:64", "--no-pictures"), r"my_encoder\.py .*fall")
+        (self.folder / "my_encoder.py").write_text("import citylearn\n1 / 0\n")
+        said = self.run_command(*demo, "--no-dashboard", status=1)
+        self.assertIn("my_encoder.py:2: ZeroDivisionError: division by zero", said)
+
     def test_a_run_is_recorded_and_replayed(self):
         self.hosts["NAME"] = "first"
         record, shown, replay = self.take(

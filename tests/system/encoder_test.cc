@@ -125,5 +125,36 @@ TEST(EncodingInParts, TwoWithACommonStoreShareTheWorkAndOneTakesOver) {
 
 TEST_P(Encoding, TwoWithoutAStoreShareTheWorkAndOneTakesOver) { expect_two_to_share_the_work(GetParam(), false); }
 
+TEST(EncodingInParts, APythonFunctionKilledInTheMiddleEncodesNoneTwice) {
+  ::setenv("CITYLEARN_PYTHON", "/usr/bin/python3", 1);
+  Trial run("cyclonedds");
+  const std::string file = run.folder() / "encoder.py", log = file + ".log";
+  make_file(file, contents(CITYLEARN_SOURCE_DIR "/tests/support/encoder.py"));
+  make_file(log, "");
+  int process = 0;
+  const auto encoded = [&] {  // pictures that the function got
+    std::istringstream in(contents(log));
+    int all = 0;
+    for (int size = 0; in >> process >> size;) all += size;
+    return all;
+  };
+  constexpr int kTrial = 1 + 1 + 2, kBatch = 16, kFrames = 640;
+  const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:640"});
+  auto encoder = run.encoder({"--encoder", file});
+  ASSERT_TRUE(poll_until([&] { return encoded() >= kTrial + 6 * 64 + 2 * kBatch; }, kLongWait)) << encoder->output();
+  ASSERT_EQ(encoder->end(SIGKILL, seconds(5)), 128 + SIGKILL);
+  const std::string command = "/proc/" + std::to_string(process) + "/cmdline";
+  EXPECT_TRUE(poll_until([&] { return contents(command).empty(); }, kShortWait)) << "the function lives on";
+  const int first = encoded();
+  ASSERT_LT(first, kFrames) << "it had finished before";
+  encoder = run.encoder({"--encoder", file});
+  ASSERT_TRUE(encoder->says("summer: ready", kLongWait)) << encoder->output();
+  const int before = number_before(encoder->output(), " of 640 frames were encoded before"),
+            now = number_before(encoder->output(), " of them now");
+  EXPECT_EQ(before + now, kFrames) << encoder->output();
+  EXPECT_EQ(encoded() - first, kTrial + now) << "the function gets what is not stored";
+  EXPECT_GE(before, first - kTrial - 2 * kBatch) << "all is stored but what was on its way";
+}
+
 }  // namespace
 }  // namespace citylearn::testing

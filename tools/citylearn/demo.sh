@@ -28,9 +28,10 @@ What it runs on
                        matches, distance or gps (default: as the dataset
                        suggests); --align-within METRES is for the last two
   --encoder NAME       how images become features (default hog_vlad);
-                       "$COMMAND encoder --list" shows all. Options of the
-                       encoder may follow: --dimension --centring --whitening
-                       --model --layer --preset --head --store
+                       "$COMMAND encoder --list" shows all, or FILE.py, a function
+                       of your own. Options of the encoder may follow:
+                       --dimension --centring --whitening --model --layer
+                       --preset --head --store
   --plugin A.so[,B.so] datasets, encoders, networks and learners of your own
   --DATASET-X, --ENCODER-X   parameters that "$COMMAND env --list" and
                        "$COMMAND encoder --list" show, as --kitti-camera
@@ -197,11 +198,12 @@ repeatable() {
   for word; do
     case $option in
       --data|--model|--head|--initial) word=$(realpath -ms "$word") ;;
+      --encoder) [[ $word != *.py ]] || word=$(realpath -ms "$word") ;;
       --plugin) word=$(absolute_list "$word") ;;
     esac
     option=$word
     case $word in
-      --data=*|--model=*|--head=*|--initial=*) word=${word%%=*}=$(realpath -ms "${word#*=}") ;;
+      --data=*|--model=*|--head=*|--initial=*|--encoder=*.py) word=${word%%=*}=$(realpath -ms "${word#*=}") ;;
       --plugin=*) word=--plugin=$(absolute_list "${word#*=}") ;;
     esac
     printf '%s\0' "$word"
@@ -222,6 +224,7 @@ as_source() {
     case $name in
       --plugin|--store) continue ;;
       --data|--model|--head) value=$(realpath -ms "$value") ;;
+      --encoder) [[ $value != *.py ]] || value=$(realpath -ms "$value") ;;
     esac
     printf '%s\0' --source "${name#--}=$value"
   done

@@ -8,6 +8,7 @@
 
 #include "core/files/files.h"
 #include "core/util/error.h"
+#include "encoder_service/encoder_options.h"
 #include "encoder_service/pipeline/learned_files.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "tools/export/encoder_graph.h"
@@ -136,12 +137,13 @@ void export_picture_agent(const PictureExportOptions& options) {
   const ExportedAgent exported = read_exported_agent(options.agent);
   const TrainedOn trained(options, exported.agent.data);
   PictureEncoding encoding;
-  encoding.encoder = options.encoder.empty() ? trained.recipe().encoder_option() : options.encoder;
-  const auto& entry = EncoderRegistry::instance().find("encoder", encoding.encoder);
+  const auto [entry, files] =
+      choose_encoder(options.encoder.empty() ? trained.recipe().encoder_option() : options.encoder, options.files);
+  encoding.encoder = entry.name;
   const auto given = options.parameters.find(entry.name);
   encoding.parameters = Parameters("encoder " + entry.name, entry.parameters,
                                    given == options.parameters.end() ? std::map<std::string, double>() : given->second);
-  encoding.files = options.files;
+  encoding.files = files;
   require_exportable(entry.name);
   const Encoder::Spec spec = entry.create(encoding.parameters, encoding.files)->spec();
   if (spec.name != trained.recipe().encoder)

@@ -7,6 +7,7 @@
 #include <algorithm>
 
 #include "core/util/error.h"
+#include "encoder_service/encoder_options.h"
 #include "tools/lab/descriptors.h"
 #include "tools/paper/studies/simulated.h"
 
@@ -138,8 +139,8 @@ World::Encoded& World::encoded(const std::string& name) {
   std::unique_ptr<Encoded>& slot = encoded_[name];
   if (slot) return *slot;
   auto made = std::make_unique<Encoded>();
-  const auto& entry = EncoderRegistry::instance().find("encoder", name);
-  made->encoder = entry.create(Parameters("encoder " + name, entry.parameters, {}), options_.files);
+  const auto [entry, files] = choose_encoder(name, options_.files);
+  made->encoder = entry.create(Parameters("encoder " + name, entry.parameters, {}), files);
   lab::fit_encoder(*made->encoder, recordings_.at(train()));
   slot = std::move(made);
   return *slot;

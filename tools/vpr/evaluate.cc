@@ -13,6 +13,7 @@
 #include "core/files/files.h"
 #include "core/util/error.h"
 #include "core/wire/service.h"
+#include "encoder_service/encoder_options.h"
 #include "encoder_service/encoding/picture_encoder.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/plane.h"
@@ -221,16 +222,20 @@ class Evaluation {
     }
     auto asked = options_.encoders;
     if (asked.empty()) asked = {kDefaultEncoder};
+    const auto is_asked = [&](const std::string& encoder) {
+      return std::any_of(asked.begin(), asked.end(),
+                         [&](const std::string& name) { return choose_encoder(name, {}).entry.name == encoder; });
+    };
     for (const auto& [name, given] : options_.parameters)
-      if (!given.empty() && std::find(asked.begin(), asked.end(), name) == asked.end())
+      if (!given.empty() && !is_asked(name))
         throw Error("is for encoder " + name + ", which is not among --encoder",
                     "--" + name + "-" + given.begin()->first);
     for (const std::string& name : asked) {
-      const auto& entry = EncoderRegistry::instance().find("encoder", name);
-      const auto given = options_.parameters.find(name);
+      const auto [entry, files] = choose_encoder(name, options_.files);
+      const auto given = options_.parameters.find(entry.name);
       const Parameters parameters("encoder " + name, entry.parameters,
                                   given == options_.parameters.end() ? std::map<std::string, double>() : given->second);
-      encoders_.emplace_back(name, entry.create(parameters, options_.files));
+      encoders_.emplace_back(name, entry.create(parameters, files));
     }
   }
 

@@ -37,6 +37,7 @@ const std::vector<Exception> kExceptions = {
     {"dashboard/live/route_archive.h", "", "pictures on the disk"},
     {"dashboard/live/runs_feed.h", "period", "messages to the page"},
     {"dashboard/live/service_list.h", "kRemovalDelay", "what the page lists"},
+    {"encoder_service/encoders/python.cc", "kEndInterval", "a process on this machine"},
     {"encoder_service/pipeline/encoding_pipeline.cc", "kProgressInterval", "lines of the log"},
     {"encoder_service/pipeline/traversal_work.cc", "kStorePollInterval", "features on the disk"},
     {"env_service/live/robot.cc", "", "ROS 2"},

@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const FeatureStore::Key kKey{"hog-1 bins=12", 32, 0x0123456789ABCDEF, 50};
+const FeatureStore::Key kStoreKey{"hog-1 bins=12", 32, 0x0123456789ABCDEF, 50};
 
 /// Returns the descriptor that any process writes for this frame.
 std::vector<float> descriptor(int frame, int dimension) {
@@ -45,7 +45,7 @@ int count(const std::vector<bool>& present) {
   return static_cast<int>(std::count(present.begin(), present.end(), true));
 }
 
-std::string opening(const Folder& folder, const FeatureStore::Key& key = kKey) {
+std::string opening(const Folder& folder, const FeatureStore::Key& key = kStoreKey) {
   return error_of([&] { FeatureStore(folder.path(), key); });
 }
 
@@ -75,34 +75,34 @@ struct FeatureStoreTest : ::testing::Test {
 TEST_F(FeatureStoreTest, KeepsWhatWasWritten) {
   const std::string deeper = folder / "made/when/missing";
   {
-    FeatureStore store(deeper, kKey);
+    FeatureStore store(deeper, kStoreKey);
     EXPECT_EQ(count(store.present()), 0);
     EXPECT_EQ(store.present().size(), 50u);
-    EXPECT_FALSE(read(store, kKey, 0));
-    for (const int frame : {0, 7, 49}) write(store, kKey, frame);
-    EXPECT_TRUE(read(store, kKey, 7));
+    EXPECT_FALSE(read(store, kStoreKey, 0));
+    for (const int frame : {0, 7, 49}) write(store, kStoreKey, frame);
+    EXPECT_TRUE(read(store, kStoreKey, 7));
   }
-  const FeatureStore store(deeper, kKey);
+  const FeatureStore store(deeper, kStoreKey);
   EXPECT_EQ(fs::path(store.path()).filename(), "8e45658d-0123456789abcdef.features");
   for (int frame = 0; frame < 50; ++frame) {
     const bool there = frame == 0 || frame == 7 || frame == 49;
     EXPECT_EQ(store.present()[frame], there);
-    EXPECT_EQ(read(store, kKey, frame), there);
+    EXPECT_EQ(read(store, kStoreKey, frame), there);
   }
   EXPECT_EQ(std::distance(fs::directory_iterator(deeper), {}), 1) << "something temporary stayed";
 }
 
 TEST_F(FeatureStoreTest, AFrameIsWrittenOnce) {
-  FeatureStore store(folder.path(), kKey);
-  write(store, kKey, 3);
+  FeatureStore store(folder.path(), kStoreKey);
+  write(store, kStoreKey, 3);
   store.write(3, std::vector<float>(32, 0.5f));
-  EXPECT_TRUE(read(store, kKey, 3)) << "the first one stays";
+  EXPECT_TRUE(read(store, kStoreKey, 3)) << "the first one stays";
 }
 
 TEST_F(FeatureStoreTest, OtherKeysOtherFiles) {
-  const FeatureStore::Key night{kKey.encoder, 32, 1, 50}, other{"hog-1 bins=13", 32, kKey.traversal, 50};
-  FeatureStore a(folder.path(), kKey), b(folder.path(), night), c(folder.path(), other);
-  write(a, kKey, 1);
+  const FeatureStore::Key night{kStoreKey.encoder, 32, 1, 50}, other{"hog-1 bins=13", 32, kStoreKey.traversal, 50};
+  FeatureStore a(folder.path(), kStoreKey), b(folder.path(), night), c(folder.path(), other);
+  write(a, kStoreKey, 1);
   EXPECT_EQ(count(b.present()), 0);
   EXPECT_EQ(count(c.present()), 0);
 }
@@ -125,7 +125,7 @@ TEST_F(FeatureStoreTest, RefusesKeysOutOfBounds) {
 }
 
 TEST_F(FeatureStoreTest, RefusesFramesAndSizesThatItHasNot) {
-  FeatureStore store(folder.path(), kKey);
+  FeatureStore store(folder.path(), kStoreKey);
   std::vector<float> right(32), wrong(31);
   EXPECT_THROW(store.read(-1, right), Error);
   EXPECT_THROW(store.read(50, right), Error);
@@ -139,8 +139,8 @@ TEST_F(FeatureStoreTest, RefusesFramesAndSizesThatItHasNot) {
 }
 
 TEST_F(FeatureStoreTest, ClaimsExcludeEachOther) {
-  FeatureStore one(folder.path(), kKey);
-  auto other = std::make_unique<FeatureStore>(folder.path(), kKey);
+  FeatureStore one(folder.path(), kStoreKey);
+  auto other = std::make_unique<FeatureStore>(folder.path(), kStoreKey);
   auto claim = one.claim(10, 10);
   ASSERT_TRUE(claim);
   EXPECT_FALSE(other->claim(19, 1));
@@ -159,17 +159,17 @@ TEST_F(FeatureStoreTest, ClaimsExcludeEachOther) {
   after.reset();
   // A claim binds those who claim, nobody else.
   claim = one.claim(0, 50);
-  FeatureStore third(folder.path(), kKey);
-  write(third, kKey, 4);
-  EXPECT_TRUE(read(one, kKey, 4));
+  FeatureStore third(folder.path(), kStoreKey);
+  write(third, kStoreKey, 4);
+  EXPECT_TRUE(read(one, kStoreKey, 4));
 }
 
 TEST_F(FeatureStoreTest, ClaimsEndWithTheirProcess) {
-  FeatureStore store(folder.path(), kKey);
+  FeatureStore store(folder.path(), kStoreKey);
   int ready[2];
   ASSERT_EQ(::pipe(ready), 0);
   const pid_t holder = child([&] {
-    FeatureStore own(folder.path(), kKey);
+    FeatureStore own(folder.path(), kStoreKey);
     const auto claim = own.claim(5, 5);
     const char answer = claim ? 'y' : 'n';
     if (::write(ready[1], &answer, 1) != 1) return 1;
@@ -188,7 +188,7 @@ TEST_F(FeatureStoreTest, ClaimsEndWithTheirProcess) {
 }
 
 TEST(FeatureStoreProcesses, CreateAndWriteAtOnce) {
-  FeatureStore::Key key = kKey;
+  FeatureStore::Key key = kStoreKey;
   key.frames = 400;
   key.dimension = 500;
   for (int round = 0; round < 5; ++round) {
@@ -215,18 +215,18 @@ TEST(FeatureStoreProcesses, CreateAndWriteAtOnce) {
 }
 
 TEST_F(FeatureStoreTest, ThreadsShareOne) {
-  FeatureStore store(folder.path(), kKey);
+  FeatureStore store(folder.path(), kStoreKey);
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t)
     threads.emplace_back([&] {
-      for (int frame = 0; frame < kKey.frames; ++frame) write(store, kKey, frame);
+      for (int frame = 0; frame < kStoreKey.frames; ++frame) write(store, kStoreKey, frame);
     });
   for (std::thread& thread : threads) thread.join();
-  for (int frame = 0; frame < kKey.frames; ++frame) EXPECT_TRUE(read(store, kKey, frame));
+  for (int frame = 0; frame < kStoreKey.frames; ++frame) EXPECT_TRUE(read(store, kStoreKey, frame));
 }
 
 TEST_F(FeatureStoreTest, SurvivesKill) {
-  FeatureStore::Key key = kKey;
+  FeatureStore::Key key = kStoreKey;
   key.frames = 60000;
   key.dimension = 700;  // not a divisor of a page: frames straddle them
   FeatureStore store(folder.path(), key);
@@ -268,8 +268,8 @@ TEST_F(FeatureStoreTest, SurvivesKill) {
 class DamagedStore : public ::testing::Test {
  protected:
   DamagedStore() {
-    FeatureStore store(folder_.path(), kKey);
-    for (int frame = 0; frame < kKey.frames; ++frame) write(store, kKey, frame);
+    FeatureStore store(folder_.path(), kStoreKey);
+    for (int frame = 0; frame < kStoreKey.frames; ++frame) write(store, kStoreKey, frame);
     path_ = store.path();
     bytes_ = contents(path_);
   }
@@ -294,13 +294,13 @@ TEST_F(DamagedStore, CutShort) {
 }
 
 TEST_F(DamagedStore, CutWhileOpen) {
-  FeatureStore store(folder_.path(), kKey);
+  FeatureStore store(folder_.path(), kStoreKey);
   ASSERT_EQ(::truncate(path_.c_str(), static_cast<off_t>(bytes_.size() - 40 * 128 - 1)), 0);
-  EXPECT_TRUE(read(store, kKey, 8));
-  EXPECT_FALSE(read(store, kKey, 9));
-  EXPECT_FALSE(read(store, kKey, 49));
+  EXPECT_TRUE(read(store, kStoreKey, 8));
+  EXPECT_FALSE(read(store, kStoreKey, 9));
+  EXPECT_FALSE(read(store, kStoreKey, 49));
   ASSERT_EQ(::truncate(path_.c_str(), 0), 0);
-  EXPECT_FALSE(read(store, kKey, 8));
+  EXPECT_FALSE(read(store, kStoreKey, 8));
   EXPECT_EQ(count(store.present()), 0);
 }
 
@@ -323,11 +323,11 @@ TEST_F(DamagedStore, AFlippedBitCostsOneFrame) {
     const std::size_t at = random() % size;
     bytes[begin + at] = static_cast<char>(bytes[begin + at] ^ 1 << random() % 8);
     make_file(path_, bytes);
-    FeatureStore store(folder_.path(), kKey);
+    FeatureStore store(folder_.path(), kStoreKey);
     const int broken = static_cast<int>(at / (round % 2 ? 8 : 128));
-    for (int frame = 0; frame < 50; ++frame) ASSERT_EQ(read(store, kKey, frame), frame != broken) << frame;
-    write(store, kKey, broken);
-    EXPECT_TRUE(read(store, kKey, broken)) << "a torn frame is written again";
+    for (int frame = 0; frame < 50; ++frame) ASSERT_EQ(read(store, kStoreKey, frame), frame != broken) << frame;
+    write(store, kStoreKey, broken);
+    EXPECT_TRUE(read(store, kStoreKey, broken)) << "a torn frame is written again";
   }
 }
 
@@ -336,10 +336,10 @@ TEST_F(DamagedStore, FramesInEachOthersPlaceAreNone) {
   std::swap_ranges(bytes.begin() + 512, bytes.begin() + 520, bytes.begin() + 520);
   std::swap_ranges(bytes.begin() + 4096, bytes.begin() + 4096 + 128, bytes.begin() + 4096 + 128);
   make_file(path_, bytes);
-  const FeatureStore store(folder_.path(), kKey);
-  EXPECT_FALSE(read(store, kKey, 0));
-  EXPECT_FALSE(read(store, kKey, 1));
-  EXPECT_TRUE(read(store, kKey, 2));
+  const FeatureStore store(folder_.path(), kStoreKey);
+  EXPECT_FALSE(read(store, kStoreKey, 0));
+  EXPECT_FALSE(read(store, kStoreKey, 1));
+  EXPECT_TRUE(read(store, kStoreKey, 2));
 }
 
 TEST_F(DamagedStore, AnotherKeysFileIsNamedAndLeft) {
@@ -349,7 +349,7 @@ TEST_F(DamagedStore, AnotherKeysFileIsNamedAndLeft) {
   const std::string message = opened(foreign);
   EXPECT_TRUE(contains(message, "belongs to encoder 'tiny?-1' with 4 numbers a frame, 9 frames")) << message;
   // The same encoder and traversal, but not the same shape.
-  FeatureStore::Key wider = kKey;
+  FeatureStore::Key wider = kStoreKey;
   wider.dimension = 33;
   make_file(path_, bytes_);
   EXPECT_TRUE(contains(opening(folder_, wider), "belongs to encoder 'hog-1 bins=12' with 32 numbers"));
@@ -368,45 +368,45 @@ TEST_F(DamagedStore, ForeignFilesAreNamedAndLeft) {
 
 TEST_F(FeatureStoreTest, UnwritableFolders) {
   make_file(folder / "file", "text");
-  EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file", kKey); }), "file"));
-  EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file/below", kKey); }), "file/below"));
-  EXPECT_TRUE(contains(error_of([&] { FeatureStore("", kKey); }), "folder"));
+  EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file", kStoreKey); }), "file"));
+  EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file/below", kStoreKey); }), "file/below"));
+  EXPECT_TRUE(contains(error_of([&] { FeatureStore("", kStoreKey); }), "folder"));
   // Root may write anywhere: the child becomes nobody.
   fs::create_directory(folder / "locked");
   fs::permissions(folder.path(), fs::perms(0755));
   fs::permissions(folder / "locked", fs::perms(0555));
   const pid_t nobody = child([&] {
     if (::geteuid() == 0 && ::setuid(65534) != 0) return 1;
-    const std::string message = error_of([&] { FeatureStore(folder / "locked", kKey); });
+    const std::string message = error_of([&] { FeatureStore(folder / "locked", kStoreKey); });
     return contains(message, "Permission denied") && contains(message, ".features") ? 0 : 2;
   });
   EXPECT_EQ(status_of(nobody), 0);
 }
 
 TEST_F(FeatureStoreTest, AFullDiskKeepsTheFramesBefore) {
-  FeatureStore store(folder.path(), kKey);
+  FeatureStore store(folder.path(), kStoreKey);
   // A limit on a file's size stands for the disk's: the write that meets it is cut short, the next fails.
   const pid_t writer = child([&] {
     ::signal(SIGXFSZ, SIG_IGN);
     const rlimit limit{4096 + 10 * 128 + 60, RLIM_INFINITY};
     if (::setrlimit(RLIMIT_FSIZE, &limit) != 0) return 1;
-    FeatureStore own(folder.path(), kKey);
-    for (int frame = 0; frame < 10; ++frame) write(own, kKey, frame);
+    FeatureStore own(folder.path(), kStoreKey);
+    for (int frame = 0; frame < 10; ++frame) write(own, kStoreKey, frame);
     for (int frame = 10; frame < 13; ++frame) {
-      const std::string message = error_of([&] { write(own, kKey, frame); });
+      const std::string message = error_of([&] { write(own, kStoreKey, frame); });
       if (!contains(message, own.path()) || !contains(message, "make room")) return 2;
-      if (read(own, kKey, frame)) return 3;
+      if (read(own, kStoreKey, frame)) return 3;
     }
     return 0;
   });
   EXPECT_EQ(status_of(writer), 0);
-  for (int frame = 0; frame < 50; ++frame) EXPECT_EQ(read(store, kKey, frame), frame < 10);
-  write(store, kKey, 10);
-  EXPECT_TRUE(read(store, kKey, 10)) << "with room again";
+  for (int frame = 0; frame < 50; ++frame) EXPECT_EQ(read(store, kStoreKey, frame), frame < 10);
+  write(store, kStoreKey, 10);
+  EXPECT_TRUE(read(store, kStoreKey, 10)) << "with room again";
 }
 
 TEST_F(FeatureStoreTest, ARealFullDisk) {
-  FeatureStore::Key key = kKey;
+  FeatureStore::Key key = kStoreKey;
   key.frames = 4000;  // 512 kB of descriptors on a disk of 256 kB, which only this child sees
   const pid_t writer = child([&] {
     if (::unshare(CLONE_NEWNS) != 0 || ::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
