@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/imperfections.h"
 
-#include <spdlog/fmt/fmt.h>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
@@ -11,7 +9,6 @@
 #include <vector>
 
 #include "core/util/error.h"
-#include "core/util/name.h"
 #include "core/wire/service.h"
 #include "env_service/images/image_sources.h"
 
@@ -78,20 +75,6 @@ void blur(Traversal& traversal, double share, Random random) {
       traversal.images, changed(traversal.images, "smeared sideways by an eighth", smeared), std::move(blurred));
 }
 
-std::string suffix(const Imperfections& imperfections) {
-  std::string text;
-  const auto add = [&](const char* what, auto amount) {
-    if (amount > 0) text += fmt::format("-{}{}", what, amount);
-  };
-  add("slip", imperfections.slip);
-  add("drop", imperfections.dropped_frames);
-  add("kidnap", imperfections.kidnappings);
-  add("blur", imperfections.blurred_frames);
-  add("uneven", imperfections.uneven_speed);
-  if (imperfections.blurred_frames > 0 || imperfections.uneven_speed > 0) add("seed", imperfections.recording_seed);
-  return text;
-}
-
 }  // namespace
 
 void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const std::string& group) {
@@ -118,16 +101,14 @@ void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const
 }
 
 Traversal imperfect(Traversal traversal, const Imperfections& imperfections) {
-  const std::string announced = suffix(imperfections);
-  if (announced.empty()) return traversal;
+  const std::string world = world_of(imperfections);
+  if (world.empty()) return traversal;
   const std::uint64_t hash = traversal.hash(), seed = imperfections.recording_seed;
   if (const int most = imperfections.uneven_speed; most > 0)
     show(traversal, drive_unevenly(traversal.frames, most, Random{seed, hash, kUnevenSpeed}));
   if (const double share = imperfections.blurred_frames; share > 0)
     blur(traversal, share, Random{seed, hash, kBlurredFrames});
-  // A name that is too long all the same is refused where it goes onto the wire.
-  const std::size_t room = announced.size() < kMaxNameLength ? kMaxNameLength - announced.size() : 1;
-  traversal.name = name_from(traversal.name.substr(0, room)) + announced;
+  traversal.name = name_in_world(traversal.name, world);
   return traversal;
 }
 

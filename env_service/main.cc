@@ -57,7 +57,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false);
   app.add_flag("--show", line.show,
-               "Print dataset, name, frames, images and features of the traversal, a line each, then exit")
+               "Print dataset, announced name, frames, images and features of the traversal, a line each, then exit")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
@@ -97,12 +97,12 @@ int serve(CommandLine& line) {
   }
   Traversal traversal = imperfect(select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection),
                                   line.service.imperfections);
+  traversal.name = name_from(traversal.name);  // folders and files may be called anything
   if (line.show) {
     std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
               << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension << "\n";
     return 0;
   }
-  traversal.name = name_from(traversal.name);  // folders and files may be called anything
   if (traversal.dataset == kLive)
     make_live(traversal, line);
   else if (!line.robot.topics.camera.empty() || !line.robot.topics.position.empty())

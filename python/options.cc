@@ -89,10 +89,9 @@ RecordingOptions read_recording_options(const Keywords& keywords) {
   return options;
 }
 
-/// Returns whether services announce a recording as `name`, where actions slip too.
+/// Returns whether services announce a recording as `name`, in whatever world.
 bool announced(const std::string& recording, const std::string& name) {
-  const std::string own = name_from(recording);
-  return name == own || name.starts_with(own + "-slip");
+  return name == name_from(recording) || name == name_in_world(recording, world_of(name));
 }
 
 /// Returns the options given, and those of the training for what they leave out.

@@ -85,7 +85,7 @@ void Trainer::Impl::start_from(const TrainedAgent& agent) {
   for (std::size_t i = 0; i < std::max(theirs.size(), ours.size()); ++i) {
     if (i >= ours.size() || i >= theirs.size() || theirs[i].name != ours[i].name)
       throw Error("has the tensors " + joined(theirs, &Tensor::name) + "; needed are " + joined(ours, &Tensor::name),
-                  where);
+                  where, "train with the network parameters that it had");
     if (theirs[i].rows != ours[i].rows || theirs[i].cols != ours[i].cols)
       throw Error("tensor '" + ours[i].name + "' is " + shape(theirs[i]) + ", here it must be " + shape(ours[i]), where,
                   "train with the same features and network parameters as it was");

@@ -239,6 +239,29 @@ Spread spread_of(std::vector<double> values) {
   return s;
 }
 
+std::string gain_sentence(const std::vector<double>& gains) {
+  const Spread s = spread_of(gains);
+  const auto text = [](double value) { return fmt::format("{:.3f}", std::round(1000 * value) / 1000 + 0.0); };  // no -0
+  return fmt::format("Learning gained {} SPL{} over the untrained sequence_filter.", text(s.median),
+                     s.count > 1 ? fmt::format(" ({} to {})", text(s.minimum), text(s.maximum)) : "");
+}
+
+std::string gain_sentence(const RunGroup& group) {
+  std::vector<double> sums(group.seeds.size());
+  int traversals = 0;
+  for (const RunGroup::Row& row : gains(group)) {
+    const std::vector<double>& values = row.figures.at("spl");
+    if (values.size() != sums.size() ||
+        (" " + group.traversal + ",").find(" " + row.traversal + ",") != std::string::npos)
+      continue;
+    ++traversals;
+    for (std::size_t run = 0; run < sums.size(); ++run) sums[run] += values[run];
+  }
+  if (traversals == 0) return "";
+  for (double& sum : sums) sum /= traversals;
+  return gain_sentence(sums) + "\n";
+}
+
 std::string tables(const std::vector<RunGroup>& groups) {
   std::vector<Cells> scores = {
       {"run", "policy", "learner", "traversal", "runs", "completed %", "SPL", "mean steps", "reward"}};

@@ -42,7 +42,13 @@ std::string sweep_json(const RunGroup& group, const std::map<std::uint64_t, std:
 /// Returns Markdown tables of several groups side by side: median (lowest..highest) of each figure. Where there is
 /// sequence_filter, which learns nothing, also how much the agent differs from it in the same run.
 std::string tables(const std::vector<RunGroup>& groups);
-/// Returns the same for folders with a sweep.json or a summary.json, or these files. Throws Error naming the one that
+/// Returns, in a sentence, how far an agent's SPL lies above that of sequence_filter: the median of the runs, and the
+/// lowest and highest.
+std::string gain_sentence(const std::vector<double>& gains);
+/// Returns the sentence, and a line break, for the runs of a group, each one's gain being the mean over the traversals
+/// where it did not train; empty where there is nothing to compare with.
+std::string gain_sentence(const RunGroup& group);
+/// Returns tables() for folders with a sweep.json or a summary.json, or these files. Throws Error naming the one that
 /// is neither.
 std::string tables_of(const std::vector<std::string>& runs);
 

@@ -5,12 +5,15 @@
 #include <spdlog/fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
+#include <numeric>
 #include <optional>
-#include <regex>
 #include <tuple>
 
 #include "core/command_line/wrap.h"
+#include "core/task/imperfections.h"
+#include "policy_service/results/comparison.h"
 
 namespace citylearn {
 namespace {
@@ -176,16 +179,11 @@ std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& ro
   return text;
 }
 
-std::string take_world(std::vector<ScoreRow>& rows, VerdictOptions& options) {
-  // As env_service/imperfections.cc writes them.
-  static const std::regex kWorld("-((slip|drop|kidnap|blur|uneven)[0-9].*)$");
-  std::string world;
-  for (const ScoreRow& row : rows) {
-    std::smatch found;
-    if (!std::regex_search(row.traversal, found, kWorld) || (!world.empty() && found[1] != world)) return "";
-    world = found[1];
-  }
-  if (world.empty()) return "";
+void take_world(std::vector<ScoreRow>& rows, VerdictOptions& options) {
+  const std::string world = rows.empty() ? "" : world_of(rows.front().traversal);
+  for (const ScoreRow& row : rows)
+    if (world_of(row.traversal) != world) return;
+  if (world.empty()) return;
   const auto without = [&world](const std::string& name) {
     return name.ends_with("-" + world) ? name.substr(0, name.size() - world.size() - 1) : name;
   };
@@ -194,16 +192,15 @@ std::string take_world(std::vector<ScoreRow>& rows, VerdictOptions& options) {
   std::map<std::string, Pairing> pairings;
   for (const auto& [name, pairing] : options.pairings) pairings[without(name)] = pairing;
   options.pairings = pairings;
-  return world;
+  options.world = world;
 }
 
 std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows, const VerdictOptions& options) {
   const Table table = table_of(rows), completed = table_of(rows, &Score::completed, 100);
   if (table.size() < 2) return "";
   std::map<std::tuple<bool, Fault, Cause>, Group> groups;
-  bool looks = true;
-  std::vector<double> gains;  // of learning, where the agent finds its way
-  std::vector<std::string> gained;
+  bool looks = true, finds = false;  // its way, where it did not train
+  std::vector<double> gains;         // of learning, where the agent did not train
   for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
     const auto own = find(table, agent, traversal), shuffled = find(table, "shuffled", traversal);
     if (!own) continue;
@@ -216,10 +213,10 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
         std::find(options.trained_on.begin(), options.trained_on.end(), traversal) != options.trained_on.end();
     const auto pairs = options.pairings.find(traversal);
     const Pairing pairing = pairs == options.pairings.end() ? Pairing() : pairs->second;
+    finds = finds || (fault == Fault::kNone && !trained);
     Cause cause = fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle, shortest, pairing);
     if (cause == Cause::kAgent && options.unchecked) cause = Cause::kUnchecked;
-    if (fault == Fault::kNone && filter && !trained && agent != "sequence_filter") gains.push_back(*own - *filter);
-    if (filter) gained.push_back(fmt::format("{:+.3f} in {}", *own - *filter, traversal));
+    if (filter && !trained && agent != "sequence_filter") gains.push_back(*own - *filter);
     Group& group = groups[{trained, fault, cause}];
     group.traversals.push_back(traversal);
     group.own.push_back(*own);
@@ -236,14 +233,10 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
     if (const std::string what = advice(cause, group); !what.empty()) text += "  " + wrapped(what, 2) + "\n";
   }
   if (!gains.empty()) {
-    const double most = *std::max_element(gains.begin(), gains.end());
-    text += wrapped(most < kSplTolerance
-                        ? fmt::format("sequence_filter, which has learned nothing, does as well where {} finds its "
-                                      "way. Learning pays where actions slip "
-                                      "(docs/how-to/try-an-imperfect-world.md).",
-                                      agent)
-                        : fmt::format("Learning gained SPL over sequence_filter: {}.", fmt::join(gained, ", "))) +
-            "\n";
+    const double gain = std::accumulate(gains.begin(), gains.end(), 0.0) / static_cast<double>(gains.size());
+    text += gain_sentence({gain}) + "\n";
+    if (finds && options.world.empty() && std::abs(gain) < kSplTolerance)
+      text += wrapped("It pays where actions slip (docs/how-to/try-an-imperfect-world.md).") + "\n";
   }
   if (!looks) text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";
   return text;

@@ -16,14 +16,14 @@ std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& ro
 
 /// What a verdict knows beside SPL.
 struct VerdictOptions {
-  std::vector<std::string> trained_on;      ///< traversals; success there shows nothing about others
-  std::map<std::string, Pairing> pairings;  ///< by traversal, as examine_pairs() of it and the one trained on
-  bool unchecked = false;                   ///< whether the agent learned from such features is not known
+  std::vector<std::string> trained_on = {};      ///< traversals; success there shows nothing about others
+  std::map<std::string, Pairing> pairings = {};  ///< by traversal, as examine_pairs() of it and the one trained on
+  bool unchecked = false;                        ///< whether the agent learned from such features is not known
+  std::string world = {};                        ///< what take_world() took off: "slip0.1"
 };
 
-/// Takes what the names of traversals tell of an imperfect world off them, where all tell the same. Returns it:
-/// "slip0.1"; empty where the names stay.
-std::string take_world(std::vector<ScoreRow>& rows, VerdictOptions& options);
+/// Takes what the names of traversals tell of an imperfect world off them, where all tell the same.
+void take_world(std::vector<ScoreRow>& rows, VerdictOptions& options);
 
 /// Returns, in words, how the agent does on each traversal compared with the controls among `rows`, why it fails as far
 /// as the controls tell, and what to try. Each line ends with a line break. Empty when there are no rows of others to

@@ -57,11 +57,13 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
   VerdictOptions known = {.trained_on = training ? options.train : evaluation.data().names(),
                           .pairings = evaluation.pairings(),
                           .unchecked = !options.checkpoint.empty() && !evaluation.data().known()};
-  const std::string world = take_world(rows, known);
+  take_world(rows, known);
   const bool compares =
       std::any_of(rows.begin(), rows.end(), [&](const ScoreRow& row) { return row.policy != rows.front().policy; });
   std::cout << (compares ? spl_matrix(context.options.agent, rows) : table(rows))
-            << (world.empty() ? "" : "All of it is imperfect: " + world + " (docs/how-to/try-an-imperfect-world.md).\n")
+            << (known.world.empty()
+                    ? ""
+                    : "All of it is imperfect: " + known.world + " (docs/how-to/try-an-imperfect-world.md).\n")
             << verdict(context.options.agent, rows, known) << std::flush;
   if (!options.output.empty()) spdlog::info("wrote {}/summary.json", options.output);
   context.leave();

@@ -147,7 +147,7 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
     RunGroup group = join(runs);
     group.name = fs::path(options.output + "/").parent_path().filename().string();
     write_file(joint, sweep_json(group, failed));
-    std::cout << "\n" << tables({group}) << std::flush;
+    std::cout << "\n" << tables({group}) << "\n" << gain_sentence(group) << std::flush;
     spdlog::info("wrote {}", joint);
   }
   if (!failed.empty())

@@ -54,10 +54,13 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
             "dataset synthetic\ntraversal summer\nframes 17\nimages yes\nfeatures 0\n");
   EXPECT_EQ(output({"--show", "--frames", "3:20", "--slip", "0.1", "--blurred-frames", "0.5"}, 0),
             "dataset synthetic\ntraversal summer-slip0.1-blur0.5\nframes 17\nimages yes\nfeatures 0\n");
+  write("b b.csv", "1\n2\n");
+  EXPECT_TRUE(contains(output({"--show", "--data", folder_.path(), "--traversal", "b b", "--kidnappings", "1"}, 0),
+                       "\ntraversal b_b-kidnap1\n"));
   write("b.csv", "1\n2\n");
   write("a.csv", "1\n2\n");
-  EXPECT_EQ(output({"--list-traversals", "--dataset", "plain", "--data", folder_.path()}, 0), "a\nb\n");
-  EXPECT_EQ(output({"--list-traversals", "--data", folder_.path()}, 0), "a\nb\n") << "as what it is recognised";
+  EXPECT_EQ(output({"--list-traversals", "--dataset", "plain", "--data", folder_.path()}, 0), "a\nb\nb b\n");
+  EXPECT_EQ(output({"--list-traversals", "--data", folder_.path()}, 0), "a\nb\nb b\n") << "as what it is recognised";
   EXPECT_TRUE(contains(output({"--help-all"}, 0), "--synthetic-frames"));
   EXPECT_FALSE(output({"--version"}, 0).empty());
 }

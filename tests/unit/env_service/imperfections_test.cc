@@ -231,6 +231,19 @@ TEST(ImperfectRecording, IsNamedAfterItsImperfections) {
   const Imperfections agents = {.slip = 0.1, .dropped_frames = 0.05, .kidnappings = 1};
   EXPECT_EQ(imperfect(small_traversal(9), agents).name, "line-slip0.1-drop0.05-kidnap1");
   EXPECT_EQ(imperfect(small_traversal(9), agents).hash(), small_traversal(9).hash());
+  Imperfections all = agents;
+  all.blurred_frames = 1e-5;
+  all.uneven_speed = 12;
+  all.recording_seed = 30;
+  for (const Imperfections& one : {agents, all, Imperfections{.slip = 1}, Imperfections{.dropped_frames = 1.5e-7},
+                                   Imperfections{.kidnappings = 20}, Imperfections{.blurred_frames = 0.25},
+                                   Imperfections{.uneven_speed = 3, .recording_seed = 7}})
+    for (const std::string recording : {"a", "a-slip", "a-seed3"})
+      EXPECT_EQ(world_of(name_in_world(recording, world_of(one))), world_of(one)) << recording;
+  EXPECT_EQ(world_of("a-slip0.2-slip0.1-drop0.1"), "slip0.1-drop0.1") << "one recorded of a world that slips";
+  for (const char* own :
+       {"summer", "old-town", "slippery-slip", "a-seed3", "a-slip2", "a-slip0.1-", "a-slip.1", "-", ""})
+    EXPECT_EQ(world_of(own), "") << own;
   Traversal long_name = small_traversal(9);
   long_name.name = std::string(63, 'x') + "/";
   EXPECT_EQ(imperfect(long_name, {.slip = 0.1}).name, std::string(56, 'x') + "-slip0.1");

@@ -196,6 +196,10 @@ TEST(Trainer, SaysWhyAnInitialAgentDoesNotFit) {
   wider.initial = Trainer(small_options("features"), task_of(city)).agent();
   wider.initial->parameters[5] = NAN;
   expect_refusal(wider, city, "not finite");
+  TrainerOptions told = small_options("place_filter"), learns = told;
+  told.network_parameters["slip"] = 0;
+  learns.initial = Trainer(told, task_of(city)).agent();
+  expect_refusal(learns, city, "head.out.bias (train with the network parameters that it had)");
 }
 
 TEST(Trainer, SaysWhyTensorsCannotBeFrozen) {
