@@ -87,18 +87,6 @@ TEST(DescriptorExchange, ThoseWithACommonStoreSendNothing) {
   EXPECT_TRUE(two.has(0, kFrames));
 }
 
-TEST(DescriptorExchange, OtherEncodersDescriptorsAreNotAskedFor) {
-  Service one("one"), two("two", "patchnorm");
-  one.put(0, kFrames);
-  const auto heard = [&] {
-    const auto& peers = two.exchange.division(kExchangedHash, kFrames).peers();
-    return peers.contains(one.node.incarnation()) && peers.at(one.node.incarnation()).present.size() == 3;
-  };
-  ASSERT_TRUE(eventually([&] { one.spin(), two.spin(); }, heard));
-  for (int i = 0; i < 20; ++i) one.spin(), two.spin();
-  EXPECT_EQ(two.work.done(), 0);
-}
-
 /// Says that it has frames, and sends something else.
 class Liar {
  public:

@@ -21,13 +21,13 @@ class SectionTest : public ::testing::Test {
         section_(*std::find_if(sections().begin(), sections().end(),
                                [&](const Section& section) { return section.name == name; })) {}
 
-  Context context(World& world, World& drawn) {
+  Context context(World& world, World& drawn, double effort = 0.001) {
     return {.world = world,
             .drawn = drawn,
             .work = work_,
             .output = folder_.path(),
             .quick = true,
-            .effort = 0.01,
+            .effort = effort,
             .seeds = {1, 2},
             .agents = {}};
   }
@@ -97,7 +97,7 @@ TEST_F(ImperfectWorldSection, AgentsAndControlsMeetTheSameMishaps) {
   WorldOptions options;
   options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 130}};
   World world(options);
-  Context given = context(world, world);
+  Context given = context(world, world, 0.01);
   given.effort = 0.05;
   const Json data = planned(section_, given);
   ASSERT_EQ(data["points"].size(), 5u);
