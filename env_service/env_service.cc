@@ -277,7 +277,7 @@ void EnvService::on_action(const msg::Action& action) {
       action.header().incarnation() != settings_.header().incarnation())
     return refuse(action.header(), kNotInCharge);
   try {
-    live_ ? live_->step(action.choice()) : environment_.step(action.choice());
+    live_ ? live_->step(action.choice(), action.belief()) : environment_.step(action.choice());
   } catch (const Error& error) {
     ++node_.traffic.rejected;
     if (!std::exchange(masked_action_logged_, true))
@@ -290,7 +290,7 @@ void EnvService::on_action(const msg::Action& action) {
   scenes_.set_belief(action.belief());
   steps_ += action.choice().size();
   observation_sender_.confirm();
-  if (!live_) finish_step();
+  live_ ? node_.alarm("robot", live_->trouble(now_)) : finish_step();
 }
 
 /// Publishes what the agents see after their step.
@@ -332,7 +332,7 @@ void EnvService::send_info() {
 
 void EnvService::send_observation() {
   environment_.observe(observation_);
-  observation_.wants_belief() = scenes_.watched();
+  observation_.wants_belief() = live_ || scenes_.watched();
   observation_sender_.begin(now_);
   observation_sender_.take_due(now_);
   node_.publish(observation_);

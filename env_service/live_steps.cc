@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/live_steps.h"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
 #include <utility>
+
+#include "core/task/action.h"
 
 namespace citylearn {
 
@@ -21,20 +25,22 @@ void LiveSteps::reset(const msg::TaskSettings& settings) {
   robot_->look();
 }
 
-void LiveSteps::step(std::span<const std::uint8_t> actions) {
+void LiveSteps::step(std::span<const std::uint8_t> actions, const msg::Belief& belief) {
   environment_.check(actions);
   if (!std::exchange(driven_, true) && robot_->has_goal_topic()) publish_progress(true);
   actions_.assign(actions.begin(), actions.end());
   doing_ = environment_.awaits_goal() ? Doing::kAwaitGoal : Doing::kStep;
   if (doing_ == Doing::kAwaitGoal) return;
-  const std::uint8_t action = actions_.front();
+  std::uint8_t& action = actions_.front();
   if (action == kNoAction) return;  // it waits, and sees what it saw
+  if (is_lost(belief)) action = kStay;
   const auto [from, to] = environment_.way(0, action);
   robot_->drive(action, from, to);
 }
 
 void LiveSteps::stop() {
   doing_ = Doing::kNothing;
+  lost_.clear();
   robot_->stop();
   release();
 }
@@ -82,7 +88,23 @@ void LiveSteps::finish() {
   }
   if (!environment_.is_sent()) goal_.reset();
   environment_.set_next_goal(std::nullopt);
+  if (began || !environment_.finished().empty()) lost_.clear();  // what was believed is forgotten
   if (robot_->has_goal_topic()) publish_progress(began);
+}
+
+/// Returns whether the robot is lost, and says when that changes.
+bool LiveSteps::is_lost(const msg::Belief& belief) {
+  const double bound = robot_->options().max_lost, lost = belief.lost().empty() ? 0 : belief.lost().front();
+  const bool stands = lost > bound && settings_.task_mode() == msg::EVALUATE;
+  if (stands == !lost_.empty()) return stands;
+  lost_ = stands ? fmt::format(
+                       "it is lost and stands: with probability {:.2f} it is not near place {}, where it is "
+                       "likeliest (--max-lost {})",
+                       lost, belief.likely().front(), bound)
+                 : "";
+  if (robot_->has_goal_topic())
+    robot_->publish_status((stands ? "lost " : "driving ") + std::to_string(environment_.goal(0)));
+  return stands;
 }
 
 /// Hears where the robot is sent.

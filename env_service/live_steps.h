@@ -20,8 +20,10 @@ class LiveSteps {
 
   /// Begins anew under settings that the environment has accepted, once the robot has been seen.
   void reset(const msg::TaskSettings& settings);
-  /// Begins a step. Throws Error, changing nothing, as Environment::step() does.
-  void step(std::span<const std::uint8_t> actions);
+  /// Begins a step. Throws Error, changing nothing, as Environment::step() does. An agent that `belief` shows to be
+  /// lost
+  /// (--max-lost) stays where it is and looks again, when it does not learn.
+  void step(std::span<const std::uint8_t> actions, const msg::Belief& belief);
   /// Ends what has begun: the robot stands.
   void stop();
   /// Refuses goals until the next step: the policy_service has fallen silent.
@@ -33,8 +35,11 @@ class LiveSteps {
   /// Returns whether the robot stands until it gets a goal.
   bool awaits_goal() const { return doing_ == Doing::kAwaitGoal; }
   Clock::time_point due() const { return robot_->due(); }
-  /// Returns Robot::trouble(): what the robot waits for.
-  std::string trouble(Clock::time_point now) const { return robot_->trouble(now); }
+  /// Returns why the robot does not drive on: Robot::trouble(), or that it is lost.
+  std::string trouble(Clock::time_point now) const {
+    const std::string trouble = robot_->trouble(now);
+    return trouble.empty() ? lost_ : trouble;
+  }
 
  private:
   enum class Doing { kNothing, kReset, kStep, kAwaitGoal };
@@ -43,6 +48,7 @@ class LiveSteps {
   int nearest(int place) const;
   void finish();
   void publish_progress(bool began);
+  bool is_lost(const msg::Belief& belief);
 
   Environment& environment_;
   const std::unique_ptr<Robot> robot_;
@@ -50,6 +56,7 @@ class LiveSteps {
   msg::TaskSettings settings_;         // of the reset
   std::vector<std::uint8_t> actions_;  // of the step
   bool driven_ = false;                // a policy_service lets it drive
+  std::string lost_;                   // says that it is; empty: it is not
   std::optional<int> goal_;            // to which it was sent, while no episode has begun for it
 };
 

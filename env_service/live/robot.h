@@ -53,6 +53,7 @@ class Robot {
   void publish_status(const std::string& status);
   /// Returns what it has been waiting for, for more than three seconds: "nobody publishes /camera/image_raw"; else "".
   std::string trouble(Clock::time_point now) const;
+  const RobotOptions& options() const { return options_; }
   const RobotSenses& senses() const { return senses_; }
 
  private:

@@ -36,7 +36,7 @@ void add_robot_options(CLI::App& app, RobotOptions& robot, const std::string& gr
       ->type_name("TOPIC");
   app.add_option("--status", robot.status,
                  "Topic that says, with --goal, what becomes of goals, std_msgs/String: stopped or waiting; driving, "
-                 "arrived, failed or replaced and the goal's place; refused")
+                 "lost, arrived, failed or replaced and the goal's place; refused")
       ->type_name("TOPIC")
       ->capture_default_str();
   app.add_option("--cmd-vel", robot.cmd_vel, "Topic to which speeds go, geometry_msgs/Twist")
@@ -58,6 +58,12 @@ void add_robot_options(CLI::App& app, RobotOptions& robot, const std::string& gr
                  "distance between places")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e6));
+  app.add_option("--max-lost", robot.max_lost,
+                 "Probability of being lost, as the agent believes, above which the robot stands and looks again; 1: "
+                 "it never does")
+      ->type_name("P")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1.0));
 }
 
 }  // namespace citylearn

@@ -56,7 +56,7 @@ class Installation(CommandLine):
         said = self.run_command("citylearn", "demo", *SHORT, "--output", "first run", "--no-dashboard")
         self.assertIn("Next:\n  citylearn again first\\ run --agent features\n", said)
         self.assertNotIn("./run", said)
-        self.assertIn("summer", json.loads((self.folder / "first run/summary.json").read_text())["evaluate"])
+        self.assertIn("summer-slip0.1", json.loads((self.folder / "first run/summary.json").read_text())["evaluate"])
         manifest = json.loads((self.folder / "first run/manifest.json").read_text())
         self.assertIn("--session", manifest["command"]["words"])
         self.assertEqual(manifest["origins"]["steps"], "command line")

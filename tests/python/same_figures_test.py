@@ -65,7 +65,7 @@ def write_features(folder):
 
 KINDS = {
     "drawn city": None,
-    "drawn city that slips": None,
+    "imperfect drawn city": None,
     "pictures": lambda folder: write_pictures(folder, "{:03}.ppm".format),
     "films": write_films,
     "features": write_features,
@@ -81,14 +81,16 @@ class SameFigures(unittest.TestCase):
         data = ["--synthetic-frames", str(RECORDED)]
         found = {"synthetic_frames": RECORDED}
         self.named = ""
-        if kind.endswith("that slips"):
-            data += ["--slip", "0.1"]
-            found["slip"] = 0.1
-            self.named = "-slip0.1"
         if KINDS[kind]:
             KINDS[kind](folder / "data")
             data = ["--data", str(folder / "data")]
             found = {"data": folder / "data"}
+        if kind.startswith("imperfect"):
+            data += ["--slip", "0.1", "--dropped-frames", "0.05", "--kidnappings=1"]
+            found |= {"slip": 0.1, "dropped_frames": 0.05, "kidnappings": 1}
+            self.named = "-slip0.1-drop0.05-kidnap1"
+        else:
+            data += ["--slip", "0"]
         self.environment = {**os.environ, "CITYLEARN_BUILD": str(BUILD), "CITYLEARN_RUNS": str(folder / "runs"),
                             "XDG_CACHE_HOME": str(folder / "cache"), "CITYLEARN_DOMAIN": str(own_domain())}
         os.environ["XDG_CACHE_HOME"] = self.environment["XDG_CACHE_HOME"]

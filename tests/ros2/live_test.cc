@@ -188,6 +188,28 @@ TEST_P(TeachAndRepeat, NodesSendItToGoals) {
   EXPECT_EQ(summary["evaluate"]["live-summer"]["completed"], 0.75) << summary;
 }
 
+// The camera shows another city. Then the robot is carried to the beginning of the route that it was taught.
+TEST_P(TeachAndRepeat, StandsWhileItIsLost) {
+  ASSERT_NO_FATAL_FAILURE(teach());
+  const auto summer = trial_.env("summer", {"--dataset", "plain", "--data", trial_.folder() / "route"});
+  const auto encoder = trial_.encoder({"--reference", "summer"});
+  const auto training = trial_.train(40, "out", {"--place_filter-slip", "0.2", "--place_filter-kidnap", "0.02"});
+  ASSERT_EQ(training->wait(kLongWait), 0) << training->output() << encoder->output();
+  auto driven = robot("fall", nodes() + Arguments{"--city", "2"});
+  const auto env = live("fall", "", {"--goal", "/goal_pose", "--status", "/status", "--max-lost", "0.3"});
+  Operator person(GetParam(), ros_domain_, trial_.folder() / "route/summer.poses.csv");
+  const auto policy =
+      trial_.policy({"--mode", "evaluate", "--checkpoint", trial_.folder() / "out/checkpoints/best.clk", "--evaluate",
+                     "live-fall", "--tasks", "1", "--max-steps", "500", "--output", trial_.folder() / "repeat"});
+  ASSERT_TRUE(person.sends_until(18, "lost 18")) << person.heard() << env->output() << policy->output();
+  EXPECT_TRUE(env->says("robot: it is lost and stands: with probability 0.", seconds(10))) << env->output();
+  driven->end(SIGTERM, seconds(5));
+  driven = robot("fall", nodes());
+  EXPECT_TRUE(person.hears("arrived 18")) << person.heard() << env->output();
+  EXPECT_TRUE(env->says("robot: the problem is solved", seconds(10))) << env->output();
+  EXPECT_EQ(policy->wait(kLongWait), 0) << policy->output();
+}
+
 TEST_P(TeachAndRepeat, WrongOptionsAreOneClearLine) {
   std::filesystem::create_directories(trial_.folder() / "route/summer");
   for (const char* name : {"0.png", "1.png"}) write_grey(trial_.folder() / ("route/summer/" + std::string(name)), 90);

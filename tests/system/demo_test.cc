@@ -69,7 +69,7 @@ void expect_none_left(const Witness& witness) {
     EXPECT_NE(::kill(static_cast<pid_t>(status.process()), 0), 0) << id << " still runs";
 }
 
-const Arguments kEndless = {"--evaluate", "summer", "--steps", "1000000000"};
+const Arguments kEndless = {"--slip", "0", "--evaluate", "summer", "--steps", "1000000000"};
 
 TEST(Demo, PrintsItsTable) {
   Demo demo({"--evaluate", "summer,fall", "--steps", "2048", "--tasks", "4", "--no-dashboard"});
@@ -79,12 +79,15 @@ TEST(Demo, PrintsItsTable) {
        {"traversal +filter +shuffled +blind", "fall( +[0-9]\\.[0-9]{3}){5} +1\\.000", "summer +[0-9]\\."})
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
   EXPECT_TRUE(contains(demo->output(), "\n  " CITYLEARN_SOURCE_DIR "/run demo --data DIR")) << demo->output();
+  for (const char* said : {"run: actions slip", "All of it is imperfect: slip0.1", "Learning gained "})
+    EXPECT_EQ(occurrences(demo->output(), said), 1) << said << demo->output();
   EXPECT_TRUE(fs::exists(demo.output() + "/summary.json")) << "a folder with a blank";
 }
 
 TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
   Folder data;
-  for (const std::string name : {"my drive", "the other  drive"}) {
+  const std::string long_name(64, 'x');
+  for (const std::string& name : {std::string("my drive"), std::string("the other  drive"), long_name}) {
     std::string table;
     for (int frame = 0; frame < 80; ++frame)
       table += std::to_string(std::cos(frame)) + "," + std::to_string(std::sin(frame)) + "\n";
@@ -92,7 +95,7 @@ TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
   }
   Demo demo({"--data", data.path(), "--steps", "1024", "--tasks", "4", "--agent", "features", "--no-dashboard"});
   ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
-  for (const char* row : {"my_drive +[0-9.]+ ", "the_other__drive +[0-9.]+ "})
+  for (const char* row : {"my_drive +[0-9.]+ ", "the_other__drive +[0-9.]+ ", "\nx{56} +[0-9.]+ "})
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
 }
 
@@ -219,8 +222,8 @@ TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // which hold memory of their own
 TEST(Demo, AServiceAtItsMemoryLimitComesBackAndNothingIsLost) {
-  const Arguments options = {"--evaluate", "summer,fall",        "--steps", "200000",   "--tasks", "8",
-                             "--lockstep", "--checkpoint-every", "20",      "--no-wait"};
+  const Arguments options = {"--slip",  "0", "--evaluate", "summer,fall",        "--steps", "200000",
+                             "--tasks", "8", "--lockstep", "--checkpoint-every", "20",      "--no-wait"};
   const auto last_checkpoint = [](const Demo& demo) {
     std::set<std::string> names;
     for (const auto& entry : fs::directory_iterator(demo.output() + "/checkpoints")) names.insert(entry.path());

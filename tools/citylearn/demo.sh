@@ -40,7 +40,9 @@ What it trains
   --seed N             seed of all randomness (default 1)
   --seeds 1..5         one run for each seed, then medians and spreads
   --slip P             actions slip with probability P, in training too, which
-                       the filters are not told: where learning pays
+                       no policy is told (default 0.1: learning pays there; 0:
+                       a perfect world, as the paper's). --dropped-frames,
+                       --kidnappings: "$COMMAND env --help" has these too
   --time-limit S       ends training after S seconds
   --resume             continues with the newest checkpoint in --output
   Any other option is passed unchanged to the policy_service
@@ -254,7 +256,8 @@ needs() { [ $# -ge 2 ] && [[ $2 != --* ]] || fail "$1 needs a value"; }
 
 demo() {
   local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
-  local plugins='' aligning=() notes=() slip='' world=() named=''
+  local plugins='' aligning=() notes=() slip='' world=()
+  local -A called=()   # what env_services call the traversals
   local dashboard=yes port=0 wait=yes asked=("$@")
   while [ $# -gt 0 ]; do
     case $1 in
@@ -268,6 +271,10 @@ demo() {
         encoding+=("$1" "$2"); shift 2 ;;
       --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--head=*|--store=*)
         encoding+=("$1"); shift ;;
+      --dropped-frames|--kidnappings|--blurred-frames|--uneven-speed|--recording-seed)
+        needs "$@"
+        world+=("$1" "$2"); shift 2 ;;
+      --dropped-frames=*|--kidnappings=*|--blurred-frames=*|--uneven-speed=*|--recording-seed=*) world+=("$1"); shift ;;
       --align-by|--align-within)
         needs "$@"
         aligning+=("$1" "$2"); shift 2 ;;
@@ -341,10 +348,14 @@ demo() {
     shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" "${same[@]}" "${world[@]}" --show) || return 1
     dataset=$(sed -n 's/^dataset //p' <<<"$shown")
     kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
-    # What traversals are called beyond their own name, where they are imperfect.
-    named=$(sed -nE 's/^traversal .*(-slip[0-9.e-]+)$/\1/p' <<<"$shown")
+    called[$1]=$(sed -n 's/^traversal //p' <<<"$shown")
   }
-  [ -z "$slip" ] || world=(--slip "$slip")
+  [ -n "$slip" ] || { slip=0.1; notes+=("actions slip, one in ten, which no policy is told; --slip 0 is a world where none does"); }
+  world+=(--slip "$slip")
+  # Prints what env_services call the traversals $1, A,B,...
+  names_of() {
+    tr ',' '\n' <<<"$1" | while IFS= read -r name; do [ -z "$name" ] || printf '%s\n' "${called[$name]:-$name}"; done | paste -sd ,
+  }
   local kind length; look_at "$route" || exit 1
   local images=$kind whole=$length shortest=$length name
   [ -n "$frames" ] || [ ${#aligning[@]} -eq 0 ] || part=(--frames "0:$((length < count ? length : count))")
@@ -383,6 +394,7 @@ demo() {
   for note in "${notes[@]}"; do say "$NAME: $note"; done
   while IFS= read -r traversal; do
     local align=() hosted=$agents
+    [ -n "${called[$traversal]:-}" ] || look_at "$traversal" || exit 1
     [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route" "${aligning[@]}")
     # What is evaluated is the same for any number of agents, and with more of them a step costs less on the wire.
     [[ ,$train, == *",$traversal,"* ]] || hosted=$((agents < 32 ? 32 : agents))
@@ -392,14 +404,14 @@ demo() {
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
   # Checkpoints carry how the data were found and encoded.
   [ "$aligned" = no ] || aligning=(--align-to "$route" "${aligning[@]}")
-  encoding=(--reference "$route$named" "${encoding[@]}")
+  encoding=(--reference "${called[$route]}" "${encoding[@]}")
   [ "$images" = yes ] || encoding=()
   local found=()
   source+=(--dataset "$dataset" "${world[@]}")
   mapfile -d '' -t found < <(as_source "${source[@]}" "${part[@]}" "${aligning[@]}" "${encoding[@]}")
   [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" "${encoding[@]}"
-  "$policy" "${wire[@]}" --mode train --train "${train//,/$named,}$named" --evaluate "${evaluate//,/$named,}$named" \
-    --frames "0:$count" --wait 60 "${found[@]}" --output "$output" "${pass[@]}" &
+  "$policy" "${wire[@]}" --mode train --train "$(names_of "$train")" --evaluate "$(names_of "$evaluate")" --frames "0:$count" \
+    --wait 60 "${found[@]}" --output "$output" "${pass[@]}" &
   running[policy_service]=$!
 
   local status=0

@@ -368,7 +368,13 @@ class SentToGoals : public RobotTest {
     };
     EXPECT_TRUE(poll_until(done, milliseconds(5000)));
   }
-  void step(std::uint8_t action) { steps_->step(std::span(&action, 1)); }
+  /// `lost`: the probability of it, as the agent believes.
+  void step(std::uint8_t action, float lost = 0) {
+    msg::Belief belief;
+    belief.likely() = {3, 4, 5, 6, 7, 8, 9, 0};
+    belief.lost() = {lost};
+    steps_->step(std::span(&action, 1), belief);
+  }
 
   Environment environment_{taught_, 1};
   std::optional<LiveSteps> steps_;
@@ -398,6 +404,49 @@ TEST_F(SentToGoals, EveryGoalIsAnswered) {
   steps_->advance(Clock::now());
   advance(6);
   EXPECT_EQ(said(), std::vector<std::string>{"arrived 6"}) << "it stands there";
+}
+
+TEST_F(SentToGoals, StandsWhileItIsLost) {
+  steps_->reset(tasks_);
+  send_goal(kMetres * 6);
+  advance(5);
+  commands();
+  said();
+  step(kNext, 0.75f);
+  advance(5);
+  EXPECT_EQ(said(), std::vector<std::string>{"lost 6"});
+  EXPECT_EQ(
+      steps_->trouble(Clock::now()),
+      "it is lost and stands: with probability 0.75 it is not near place 3, where it is likeliest (--max-lost 0.3)");
+  step(kNext, 0.625f);
+  EXPECT_TRUE(contains(steps_->trouble(Clock::now()), "probability 0.75")) << "one alarm, not one a step";
+  advance(5);
+  EXPECT_EQ(said(), std::vector<std::string>());
+  for (const double speed : commands()) EXPECT_EQ(speed, 0);
+  msg::Observation seen;
+  environment_.observe(seen);
+  EXPECT_EQ(seen.previous_action()[0], kStay) << "so the filter knows that it stands";
+  step(kNext, 0.25f);
+  EXPECT_EQ(steps_->trouble(Clock::now()), "");
+  advance(6);
+  EXPECT_EQ(commands().front(), 100);
+  EXPECT_EQ(said(), (std::vector<std::string>{"driving 6", "arrived 6", "waiting"}));
+  tasks_.task_mode() = msg::TRAIN;
+  steps_->reset(tasks_);
+  send_goal(kMetres * 8);
+  advance(5);
+  step(kNext, 1);
+  EXPECT_EQ(steps_->trouble(Clock::now()), "") << "what it learns from is what it did";
+}
+
+TEST_F(SentToGoals, IsNoLongerLostWhenAnEpisodeEnds) {
+  tasks_.max_steps() = 1;
+  steps_->reset(tasks_);
+  send_goal(kMetres * 6);
+  advance(5);
+  step(kNext, 0.75f);
+  advance(5);
+  EXPECT_EQ(steps_->trouble(Clock::now()), "");
 }
 
 TEST_F(SentToGoals, GoalsAreRefusedWhenNobodyDrivesOnAndWhenTheTasksAreDone) {
