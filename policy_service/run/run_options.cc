@@ -6,6 +6,7 @@
 
 #include "core/command_line/range_option.h"
 #include "core/util/name.h"
+#include "core/wire/messages.h"
 #include "policy_service/rollout/control.h"
 
 namespace citylearn {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/task/route_map.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/rollout/control.h"
 #include "tests/support/env/env.h"
