@@ -99,7 +99,8 @@ def busy_seconds():
     ticks = [int(word) for word in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
     user, nice, system, _idle, _iowait, interrupt, soft_interrupt, _stolen = ticks
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return (user + nice + system + interrupt + soft_interrupt) / os.sysconf("SC_CLK_TCK") - used.ru_utime - used.ru_stime
+    busy = user + nice + system + interrupt + soft_interrupt
+    return busy / os.sysconf("SC_CLK_TCK") - used.ru_utime - used.ru_stime
 
 
 def measure(builds, names, repeat):
@@ -169,7 +170,7 @@ def main():
         (now, before), others = measure([args.build, args.against], args.names, args.repeat)
         slower = compare(before, now, args.names)
         if others > 0.1:
-            print(f"Other programs used {others:.0%} of the processors: repeat on a quiet machine before you believe it.")
+            print(f"Other programs used {others:.0%} of the processors: repeat it on a quiet machine.")
         return SLOWER if slower else 0
     except Failure as error:
         print(f"bench: {error}", file=sys.stderr)

@@ -73,7 +73,7 @@ img {{ max-width: 100% }}</style></head><body>
 {'<h2>Matches</h2><p>Top: the query. Middle: the answer, green when right, red when wrong. Bottom: the true place.</p>'
  if matches else ''}
 {matches}
-{'<h2>Similarities</h2><p>A column is a query frame, a row a reference frame; bright is similar.</p>' if matrices else ''}
+{'<h2>Similarities</h2><p>A column is a query frame, a row a reference frame; bright: similar.</p>' if matrices else ''}
 {''.join(map(image, matrices))}
 </body></html>
 """

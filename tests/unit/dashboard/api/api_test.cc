@@ -340,16 +340,5 @@ TEST_F(ApiTest, ControlsOfLongRoutesAreCheap) {
   EXPECT_LT(Clock::now() - begin, seconds(10) * kSlowness);
 }
 
-TEST_F(ApiTest, RunsThatOtherProgramsLoggedOnceAreKeptAndNotShown) {
-  store_.with_database([](SQLite::Database& database) {
-    database.exec("INSERT INTO runs (name, session, started, last, source) VALUES ('p/a', 'p', 1, 2, 'wandb')");
-  });
-  EXPECT_EQ(json({"runs"})["runs"], Json::array());
-  expect_error(404, "run 'p/a' not found", {"runs", "p/a"});
-  expect_error(404, "run 'p/a' not found", {"runs", "p/a"}, {}, "DELETE");
-  store_.with_database(
-      [](SQLite::Database& database) { EXPECT_EQ(database.execAndGet("SELECT COUNT(*) FROM runs").getInt(), 1); });
-}
-
 }  // namespace
 }  // namespace citylearn::testing
