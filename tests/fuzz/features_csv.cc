@@ -11,8 +11,9 @@ namespace citylearn::fuzz {
 
 bool features_csv(Input input) {
   static const testing::Folder folder;
+  static const DatasetRegistry::Entry& entry = DatasetRegistry::instance().find("dataset", "plain");
   static const std::unique_ptr<Dataset> dataset =
-      DatasetRegistry::instance().find("dataset", "plain").create(Parameters(), folder.path());
+      entry.create(Parameters("dataset plain", entry.parameters, {}), folder.path());
   {
     std::ofstream file(folder / "x.csv", std::ios::binary);
     file.write(reinterpret_cast<const char*>(input.data()), static_cast<std::streamsize>(input.size()));
