@@ -20,9 +20,8 @@ class LiveSteps {
 
   /// Begins anew under settings that the environment has accepted, once the robot has been seen.
   void reset(const msg::TaskSettings& settings);
-  /// Begins a step. Throws Error, changing nothing, as Environment::step() does. An agent that `belief` shows to be
-  /// lost
-  /// (--max-lost) stays where it is and looks again, when it does not learn.
+  /// Begins a step. Throws Error, changing nothing, as Environment::step() does. In an evaluation, a robot that is lost
+  /// by `belief` (--max-lost) stays where it is and looks again instead.
   void step(std::span<const std::uint8_t> actions, const msg::Belief& belief);
   /// Ends what has begun: the robot stands.
   void stop();
