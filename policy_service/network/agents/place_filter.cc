@@ -182,10 +182,54 @@ class PlaceFilter : public AgentNetwork<S> {
       ds.directness += by_logit.dot(work.head_input.row(way.input).head(columns));
       work.input_gradient.row(way.input).head(columns) += s.directness * by_logit;
     }
-    if (sparse_)
-      work.sparse.backward(inputs, s, work.input_gradient, ds);
-    else
-      unwind(inputs, s, work, ds);
+    if (sparse_) work.sparse.backward(inputs, s, work.input_gradient, ds);
+    // The backward pass of filter(). In a function of its own the compiler adds up otherwise, and last bits change.
+    if (!sparse_) work.by_score.setZero(places_, columns);
+    Vector<S>& by_belief = work.column;
+    for (std::ptrdiff_t column = sparse_ ? -1 : columns - 1; column >= 0; --column) {
+      const std::size_t index = static_cast<std::size_t>(column);
+      const std::ptrdiff_t goal = inputs.goal[index];
+      const std::uint8_t previous = inputs.previous_action[index];
+      const auto belief = work.belief.col(column);
+      by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
+      const Turning weight = s.turnings(previous);
+      const WeighedSides sides(belief, work.weights, goal, weight);
+      const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
+      const S mean = (before * sides.before + after * sides.after) / sides.all();
+      const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
+      const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
+        part += by * weights;
+        ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
+      };
+      by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
+              log_distances_.head(goal).reverse(), by_before * weight.before);
+      const std::ptrdiff_t rest = places_ - goal - 1;
+      by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
+              by_after * weight.after);
+      if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
+      if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
+      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+        by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
+      });
+      auto by_score = work.by_score.col(column);
+      by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
+
+      const S tempered = 1 / (1 + s.tempering * work.step(column));
+      const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
+      ds.evidence += by_evidence;
+      ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
+      if (column < agents || inputs.first[index]) continue;
+      auto by_score_before = work.by_score.col(column - agents);
+      if (work.motion.exact()) {
+        work.motion.unshift(previous, by_score, by_score_before);
+        continue;
+      }
+      const auto moved = work.moved.col(column).array();
+      work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
+      const auto from = work.belief.col(column - agents);
+      work.motion.unmove(previous, work.column, work.by_moved);
+      by_score_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
+    }
     auto out = layout_.view(gradient, scalars_);
     const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
     learn(kEvidence, s.evidence, ds.evidence);
@@ -302,56 +346,6 @@ class PlaceFilter : public AgentNetwork<S> {
     work.state.resize(places_ + 1, agents);
     work.state.topRows(places_) = work.score.rightCols(agents);
     work.state.bottomRows(1) = work.step.tail(agents).transpose();
-  }
-  /// The backward pass of filter(): adds to the derivatives by the scalars.
-  void unwind(const NetworkInputs<S>& inputs, const Scalars& s, Work& work, Scalars& ds) const {
-    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
-    work.by_score.setZero(places_, columns);
-    Vector<S>& by_belief = work.column;
-    for (std::ptrdiff_t column = columns - 1; column >= 0; --column) {
-      const std::size_t index = static_cast<std::size_t>(column);
-      const std::ptrdiff_t goal = inputs.goal[index];
-      const std::uint8_t previous = inputs.previous_action[index];
-      const auto belief = work.belief.col(column);
-      by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
-      const Turning weight = s.turnings(previous);
-      const WeighedSides sides(belief, work.weights, goal, weight);
-      const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
-      const S mean = (before * sides.before + after * sides.after) / sides.all();
-      const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
-      const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
-        part += by * weights;
-        ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
-      };
-      by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
-              log_distances_.head(goal).reverse(), by_before * weight.before);
-      const std::ptrdiff_t rest = places_ - goal - 1;
-      by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
-              by_after * weight.after);
-      if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
-      if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
-      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
-        by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
-      });
-      auto by_score = work.by_score.col(column);
-      by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
-
-      const S tempered = 1 / (1 + s.tempering * work.step(column));
-      const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
-      ds.evidence += by_evidence;
-      ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
-      if (column < agents || inputs.first[index]) continue;
-      auto by_score_before = work.by_score.col(column - agents);
-      if (work.motion.exact()) {
-        work.motion.unshift(previous, by_score, by_score_before);
-        continue;
-      }
-      const auto moved = work.moved.col(column).array();
-      work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
-      const auto from = work.belief.col(column - agents);
-      work.motion.unmove(previous, work.column, work.by_moved);
-      by_score_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
-    }
   }
   Scalars scalars(const Vector<S>& parameters) const {
     const auto stored = layout_.view(parameters, scalars_);
