@@ -38,7 +38,7 @@ struct RobotOptions {
   double off_route =
       0;  ///< --off-route, metres from the nearest place: farther away it stands; 0: ten places' distance
   double max_lost =
-      0.3;  ///< --max-lost, probability of being lost (Belief.lost) above which it stands; 1: it never does
+      0.7;  ///< --max-lost, probability of being lost (Belief.lost) above which it stands; 1: it never does
 };
 
 /// Adds the options of RobotTopics and those of ROS 2's side.

@@ -417,8 +417,8 @@ TEST_F(SentToGoals, StandsWhileItIsLost) {
   EXPECT_EQ(said(), std::vector<std::string>{"lost 6"});
   EXPECT_EQ(
       steps_->trouble(Clock::now()),
-      "it is lost and stands: with probability 0.75 it is not near place 3, where it is likeliest (--max-lost 0.3)");
-  step(kNext, 0.625f);
+      "it is lost and stands: with probability 0.75 it is not near place 3, where it is likeliest (--max-lost 0.7)");
+  step(kNext, 0.71875f);
   EXPECT_TRUE(contains(steps_->trouble(Clock::now()), "probability 0.75")) << "one alarm, not one a step";
   advance(5);
   EXPECT_EQ(said(), std::vector<std::string>());
