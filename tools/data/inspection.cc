@@ -62,7 +62,7 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
   for (const auto& [kind, paths] : kinds) {
     const std::string line = std::to_string(paths.size()) + " " + kind + ", the first " + *paths.begin();
     if (own && !texts.contains(kind))
-      found.faults.push_back({"not taken", -1, "", line});
+      found.faults.push_back({kNotTaken, -1, "", line});
     else
       found.left_out.push_back(line);
   }

@@ -17,6 +17,8 @@ struct Fault {
   std::string what;
 };
 
+inline const std::string kNotTaken = "not taken";  ///< in place of a traversal: a kind of files
+
 struct Inspection {
   long frames = 0;  ///< looked at
   std::vector<Fault> faults;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <iostream>
 #include <optional>
 
@@ -76,7 +77,9 @@ int check(CommandLine& line) {
                 << "\n";
     for (const std::string& note : inspection.notes) std::cout << one_line(note) << "\n";
     for (const std::string& kind : inspection.left_out) std::cout << one_line("left out: " + kind) << "\n";
-    std::cout << name << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad\n";
+    const auto not_taken = std::ranges::count(inspection.faults, kNotTaken, &Fault::traversal);
+    std::cout << name << ": " << inspection.frames << " frames, " << std::ssize(inspection.faults) - not_taken << " bad"
+              << (not_taken > 0 ? "; kinds of files not taken: " + std::to_string(not_taken) : "") << "\n";
   }
   if (stop_requested()) throw Error("stopped before the end", line.source.folder);
   return inspection.faults.empty() ? 0 : 1;

@@ -196,9 +196,10 @@ TEST(Inspection, NothingIsNotGood) {
   for (int i = 0; i < 3; ++i) write_grey(folder / ("morning/camera/" + std::to_string(i) + ".png"), 10 * i);
   std::filesystem::create_directories(folder / "empty");
   for (const auto& [arguments, status, text] :
-       {std::tuple<Arguments, int, const char*>{{"check", folder.path(), "--dataset", "plain"},
-                                                1,
-                                                "not taken: 1 empty folders, the first empty\nplain: 3 frames, 1 bad"},
+       {std::tuple<Arguments, int, const char*>{
+            {"check", folder.path(), "--dataset", "plain"},
+            1,
+            "not taken: 1 empty folders, the first empty\nplain: 3 frames, 0 bad; kinds of files not taken: 1"},
         {{"check", folder / "empty", "--dataset", "plain"}, 1, "no traversals found"},
         {{"info", folder / "empty"}, 1, "no traversals found"},
         {{"info", folder.path()}, 0, "morning"}}) {
