@@ -15,16 +15,12 @@ namespace {
 
 const std::string kToken = "0123456789abcdef-token", kElsewhere = "what lies beside the folder that is shown";
 
-/// A dashboard without its sockets: a store with a run, results of vpr, and who may ask.
+/// A dashboard without its sockets: a store with a run, and who may ask.
 struct Dashboard {
   Dashboard() {
     write(folder / "token", kToken + "\n");
     ::chmod((folder / "token").c_str(), 0600);
     write(folder / "similarity-elsewhere.png", kElsewhere);
-    std::filesystem::create_directories(folder / "recognition/one");
-    write(folder / "recognition/one/results.json", R"({"encoders": []})");
-    write(folder / "recognition/one/curves.json", R"({"curves": []})");
-    write(folder / "recognition/one/similarity-fall.png", "\x89PNG");
     store.record(testing::run_info());
     store.describe(testing::traversal_info());
     store.record(testing::training_stats(1, 20));
@@ -43,7 +39,6 @@ struct Dashboard {
   Api api{[this] {
             Api::Options options;
             options.session = "demo";
-            options.recognition = folder / "recognition";
             return options;
           }(),
           store, nullptr};

@@ -40,10 +40,8 @@ const std::set<std::string> kRefused = {
     "dataset_folder/plain-conflict",
     "mcap_file/cut-short",
     "mcap_file/compressed",
-    "web_request/curve-of-none",
     "web_request/frame",  // of a traversal that is not there, as the next one
     "web_request/map",
-    "web_request/matrix-elsewhere",
     "web_request/no-path",
     "web_request/no-utf8",
     "web_request/page",  // is no API call

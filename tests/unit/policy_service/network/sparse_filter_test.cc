@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/task/route_map.h"
+#include "core/task/moves.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/rollout/control.h"
 #include "tests/support/env/env.h"
@@ -129,7 +129,7 @@ Agreement compare(const std::map<std::string, double>& told, double slips, doubl
       agent.action = draw < wanted(0) ? kStay : draw < wanted(0) + wanted(1) ? kNext : kPrevious;
       if (!(inputs.allowed[static_cast<std::size_t>(a)] >> agent.action & 1)) agent.action = kStay;
       const int times = random.uniform() < slips ? 2 * static_cast<int>(random.below(2)) : 1;
-      agent.position = place_after(agent.position, agent.action, {}, times, kPlaces);
+      agent.position = place_after(agent.position, agent.action, times, kPlaces);
       if (random.uniform() < kidnaps) {
         agent.position = place();
         agent.kidnapped = true;
