@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "bench/cases/cases.h"
+#include "core/task/action.h"
 #include "core/util/random.h"
 #include "policy_service/network/agent_network.h"
 

@@ -62,24 +62,24 @@ struct Agreement {
 
 /// Walks 8 agents for 1,000 steps each, as the dense filter says. Goals are near or far; the ends are walked to.
 Agreement compare(const std::map<std::string, double>& told, double slips, double kidnaps, double noise) {
-  constexpr int kAgents = 8, kPlaces = 2500;
-  Route<float> route(kPlaces, 64);
+  constexpr int kWalkers = 8, kRoutePlaces = 2500;
+  Route<float> route(kRoutePlaces, 64);
   Random& random = route.random;
   const auto dense = route.network(kNever, told), sparse = route.network(0, told);
   Vector<float> parameters;
   dense->initialise(random, parameters);
   for (float& value : parameters) value += 0.02f * static_cast<float>(random.normal());
   const auto dense_work = dense->make_workspace(), sparse_work = sparse->make_workspace();
-  dense_work->state = Matrix<float>::Zero(dense->state_size(), kAgents);
-  sparse_work->state = Matrix<float>::Zero(sparse->state_size(), kAgents);
+  dense_work->state = Matrix<float>::Zero(dense->state_size(), kWalkers);
+  sparse_work->state = Matrix<float>::Zero(sparse->state_size(), kWalkers);
   struct Agent {
     int position = 0, goal = 0, age = 0;
     bool kidnapped = false;
     std::uint8_t action = static_cast<std::uint8_t>(kNoAction);
   };
-  std::vector<Agent> agents(kAgents);
+  std::vector<Agent> agents(kWalkers);
   Agreement result;
-  const auto place = [&] { return static_cast<int>(random.below(kPlaces)); };
+  const auto place = [&] { return static_cast<int>(random.below(kRoutePlaces)); };
   const auto begin = [&] {
     ++result.episodes;
     Agent agent;
@@ -87,7 +87,7 @@ Agreement compare(const std::map<std::string, double>& told, double slips, doubl
     do
       agent.goal = random.below(2)
                        ? place()
-                       : std::clamp(agent.position + static_cast<int>(random.below(41)) - 20, 0, kPlaces - 1);
+                       : std::clamp(agent.position + static_cast<int>(random.below(41)) - 20, 0, kRoutePlaces - 1);
     while (agent.goal == agent.position);
     return agent;
   };
@@ -95,16 +95,16 @@ Agreement compare(const std::map<std::string, double>& told, double slips, doubl
   int compared = 0;
   NetworkInputs<float> inputs;
   for (int step = 0; step < 1000; ++step) {
-    inputs.resize(64, 1, kAgents);
-    inputs.frames = kPlaces;
-    for (int a = 0; a < kAgents; ++a) {
+    inputs.resize(64, 1, kWalkers);
+    inputs.frames = kRoutePlaces;
+    for (int a = 0; a < kWalkers; ++a) {
       const Agent& agent = agents[static_cast<std::size_t>(a)];
       route.show(inputs, a, agent.position, agent.goal, agent.action, agent.age == 0, noise);
     }
     const Matrix<float> dense_before = dense_work->state, sparse_before = sparse_work->state;
     dense->forward(parameters, inputs, dense_before, *dense_work);
     sparse->forward(parameters, inputs, sparse_before, *sparse_work);
-    for (int a = 0; a < kAgents; ++a) {
+    for (int a = 0; a < kWalkers; ++a) {
       Agent& agent = agents[static_cast<std::size_t>(a)];
       const auto policy = [&](const Workspace<float>& of) {
         const Eigen::Array3d logits = of.heads.logits.col(a).cast<double>().array();
@@ -129,7 +129,7 @@ Agreement compare(const std::map<std::string, double>& told, double slips, doubl
       agent.action = draw < wanted(0) ? kStay : draw < wanted(0) + wanted(1) ? kNext : kPrevious;
       if (!(inputs.allowed[static_cast<std::size_t>(a)] >> agent.action & 1)) agent.action = kStay;
       const int times = random.uniform() < slips ? 2 * static_cast<int>(random.below(2)) : 1;
-      agent.position = place_after(agent.position, agent.action, times, kPlaces);
+      agent.position = place_after(agent.position, agent.action, times, kRoutePlaces);
       if (random.uniform() < kidnaps) {
         agent.position = place();
         agent.kidnapped = true;
@@ -170,7 +170,7 @@ TEST(SparseFilter, LooksAtAllPlacesAgainWhenItIsLost) {
 /// The gradient reaches s, h, g, u and d through the active places, through looks at all, and through what is
 /// elsewhere.
 TEST(SparseFilter, DifferentiatesWhatItComputes) {
-  constexpr int kSteps = 6, kAgents = 3;
+  constexpr int kWalkSteps = 6, kWalkers = 3;
   for (const double kidnap : {0.0, 0.1}) {
     Route<double> route(60, 8);
     const auto network = route.network(0, {{"units", 5}, {"slip", 2 * kidnap}, {"kidnap", kidnap}});
@@ -178,21 +178,21 @@ TEST(SparseFilter, DifferentiatesWhatItComputes) {
     network->initialise(route.random, parameters);
     for (double& value : parameters) value += 0.1 * route.random.normal();
     NetworkInputs<double> inputs;
-    inputs.resize(8, kSteps, kAgents);
+    inputs.resize(8, kWalkSteps, kWalkers);
     inputs.frames = 60;
-    for (int t = 0; t < kSteps; ++t)
-      for (int b = 0; b < kAgents; ++b) {
+    for (int t = 0; t < kWalkSteps; ++t)
+      for (int b = 0; b < kWalkers; ++b) {
         const bool first = (t == 0 && b < 2) || (t == 3 && b == 1);
         const int position = b == 2 && t < 2 ? 0 : 20 + 10 * b + t;
-        route.show(inputs, t * kAgents + b, position, 5 + 20 * b, first ? std::uint8_t{kNoAction} : std::uint8_t{kNext},
-                   first, 1);
+        route.show(inputs, t * kWalkers + b, position, 5 + 20 * b,
+                   first ? std::uint8_t{kNoAction} : std::uint8_t{kNext}, first, 1);
       }
     SparseBelief<double> lost;  // agent 2 begins lost
     lost.places = {7, 8, 30};
     lost.shares = {0.5, 0.2, 0.1};
     lost.elsewhere = 0.2;
     lost.doubt = 2;
-    Matrix<double> state = Matrix<double>::Zero(network->state_size(), kAgents);
+    Matrix<double> state = Matrix<double>::Zero(network->state_size(), kWalkers);
     lost.store(state.col(2));
     const auto workspace = network->make_workspace();
     network->forward(parameters, inputs, state, *workspace);
@@ -234,16 +234,16 @@ TEST(SparseFilter, HasAStateOfOneSizeAndBearsAnyNumbersInIt) {
 }
 
 TEST(SequenceFilter, WalksTheSameWaysWithASparseBelief) {
-  constexpr int kPlaces = 300, kAgents = 4;
-  const Traversal city = small_city(kPlaces, 32);
-  ControlTask task{0, kPlaces, Eigen::Map<const Matrix<float>>(city.features.data(), 32, kPlaces)};
+  constexpr int kRoutePlaces = 300, kWalkers = 4;
+  const Traversal city = small_city(kRoutePlaces, 32);
+  ControlTask task{0, kRoutePlaces, Eigen::Map<const Matrix<float>>(city.features.data(), 32, kRoutePlaces)};
   const auto& entry = ControlRegistry::instance().find("control", "sequence_filter");
   const Parameters parameters(entry.name, entry.parameters, {});
   const auto dense = entry.create(parameters, task);
   task.sparse_from = 0;
   const auto sparse = entry.create(parameters, task);
-  Environment environment(city, kAgents);
-  environment.reset(settings(msg::TRAIN, kPlaces, kPlaces));
+  Environment environment(city, kWalkers);
+  environment.reset(settings(msg::TRAIN, kRoutePlaces, kRoutePlaces));
   msg::Observation seen;
   std::vector<std::uint8_t> choice, other;
   for (int step = 0; step < 400; ++step) {
@@ -256,7 +256,7 @@ TEST(SequenceFilter, WalksTheSameWaysWithASparseBelief) {
   msg::Belief dense_belief, sparse_belief;
   dense->believe(dense_belief);
   sparse->believe(sparse_belief);
-  for (std::size_t agent = 0; agent < kAgents; ++agent)
+  for (std::size_t agent = 0; agent < kWalkers; ++agent)
     EXPECT_EQ(dense_belief.likely()[8 * agent], sparse_belief.likely()[8 * agent]);
 }
 
