@@ -23,7 +23,7 @@ const std::vector<std::string> kProduct = {"core",      "env_service", "encoder_
 
 /// The sub-folders of each part, from the lowest floor to the highest. A file includes its own folder and lower ones.
 const std::vector<std::vector<std::string>> kOrders = {
-    {"core/util", "core/files", "core/task", "core/dds", "core/plugin", "core/command_line", "core/exchange",
+    {"core/util", "core/files", "core/task", "core/dds", "core/command_line", "core/plugin", "core/exchange",
      "core/metrics", "core/wire", "core/ros2", "core/recording"},
     {"env_service/files", "env_service/images", "env_service/geometry", "env_service/ros2", "env_service/dataset_io",
      "env_service/drawn_city", "env_service/datasets", "env_service/live", "env_service"},
