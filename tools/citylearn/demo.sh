@@ -28,8 +28,8 @@ What it runs on
                        matches, distance or gps (default: as the dataset
                        suggests); --align-within METRES is for the last two
   --encoder NAME       how images become features (default hog_vlad);
-                       "$COMMAND encoder --list" shows all, or FILE.py, a function
-                       of your own. Options of the encoder may follow:
+                       "$COMMAND encoder --list" shows all. FILE.py is
+                       a function of yours. Options of the encoder may follow:
                        --dimension --centring --whitening --model --layer
                        --preset --head --store
   --plugin A.so[,B.so] datasets, encoders, networks and learners of your own
