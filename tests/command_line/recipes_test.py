@@ -208,7 +208,7 @@ class Recipes(CommandLine):
         (self.folder / "my_encoder.py").write_text((SOURCE / "tests/support/encoder.py").read_text())
         self.environment["CITYLEARN_PYTHON"] = "/usr/bin/python3"
         demo, vpr, _ = self.take("use-a-python-encoder", "./run demo", "./run vpr", "./run encoder --encoder my_encoder.py")
-        self.learn(demo, "--no-dashboard", "--evaluate", "summer,fall", "--output", "out")
+        self.learn(demo, "--no-dashboard", "--evaluate", "summer,fall", "--slip", "0", "--output", "out")
         self.assertGreater(self.results("out")["summer"]["spl"], 0.5)
         self.assertRegex(self.run_command(*vpr, "--frames", "0:64", "--no-pictures"), r"my_encoder\.py .*fall")
         (self.folder / "my_encoder.py").write_text("import citylearn\n1 / 0\n")
