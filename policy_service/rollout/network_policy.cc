@@ -56,7 +56,7 @@ void read_observation(const msg::Observation& observation, int features, int fir
       inputs.goal[column] = inputs.position[column] = 0;
       inputs.previous_action[column] = static_cast<std::uint8_t>(kNoAction);
       inputs.allowed[column] = (1u << kActions) - 1;
-      inputs.first[column] = 1;
+      inputs.first[column] = 0;  // its state is zero, and a sparse belief need not look at all places for nobody
       inputs.see(static_cast<std::ptrdiff_t>(column), -1, Vector<float>::Zero(features));
       continue;
     }
