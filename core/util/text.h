@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <string>
+#include <string_view>
+#include <vector>
 
 namespace citylearn {
 
@@ -15,6 +18,18 @@ std::string joined(const Parts& parts, Text text = {}) {
     all += std::invoke(text, part);
   }
   return all;
+}
+
+/// Returns what stands between separators: "a", "" and "b" of "a,,b". They are parts of `text`, which must outlive
+/// them.
+inline std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  for (std::size_t at = 0; at <= text.size();) {
+    const std::size_t end = std::min(text.find(separator, at), text.size());
+    parts.push_back(text.substr(at, end - at));
+    at = end + 1;
+  }
+  return parts;
 }
 
 /// Replaces control characters, for one line of a message or a header: names and texts from elsewhere may hold any.

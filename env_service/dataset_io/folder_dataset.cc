@@ -44,6 +44,14 @@ void FolderDataset::not_recognised(const std::string& missing) const {
               is_folder(folder_) ? "--data names the folder that holds it" : "there is no such folder");
 }
 
+std::vector<std::string> FolderDataset::names_of(const std::map<std::string, std::string>& paths,
+                                                 const std::string& missing) const {
+  if (paths.empty()) not_recognised(missing);
+  std::vector<std::string> names;
+  for (const auto& [name, path] : paths) names.push_back(name);
+  return names;
+}
+
 std::string FolderDataset::matches_file() const { return first_file(folder_, {"matches.csv"}); }
 
 Traversal FolderDataset::unfilled(const std::string& name, int frames, const std::string& where) const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -26,6 +27,8 @@ class FolderDataset : public Dataset {
   void require_known(const std::string& name);
   /// Throws Error: the folder is not of this dataset, as `missing` is not there.
   [[noreturn]] void not_recognised(const std::string& missing) const;
+  /// Returns the names of traversals whose paths are `paths`. Throws as not_recognised() where there are none.
+  std::vector<std::string> names_of(const std::map<std::string, std::string>& paths, const std::string& missing) const;
 
   /// Returns the path of matches.csv (poses.h), empty where there is none.
   std::string matches_file() const;

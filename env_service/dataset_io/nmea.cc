@@ -7,6 +7,7 @@
 #include <string>
 #include <tuple>
 
+#include "core/util/text.h"
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/text_table.h"
 #include "env_service/files/times.h"
@@ -19,13 +20,6 @@ constexpr double kDay = 86400;  // seconds
 /// The fields of a sentence: "$GPGGA", "120000.00" ...
 using Fields = std::vector<std::string_view>;
 
-double number(const Fields& fields, std::size_t index) {
-  if (index >= fields.size()) return kUnknown;
-  double value = 0;
-  const char *const begin = fields[index].data(), *const end = begin + fields[index].size();
-  return begin != end && std::from_chars(begin, end, value).ptr == end ? value : kUnknown;
-}
-
 /// Returns the fields of the sentence in a line, which may have something before it; none when its checksum is wrong.
 std::optional<Fields> sentence(std::string_view line) {
   line.remove_prefix(std::min(line.find('$'), line.size()));
@@ -36,24 +30,18 @@ std::optional<Fields> sentence(std::string_view line) {
     std::from_chars(line.data() + star + 1, line.data() + line.size(), told, 16);
     if (sum != told) return std::nullopt;
   }
-  Fields fields;
-  for (std::size_t at = 0; at < star;) {
-    const std::size_t end = std::min(line.find(',', at), star);
-    fields.push_back(line.substr(at, end - at));
-    at = end + 1;
-  }
-  return fields;
+  return split(line.substr(0, star), ',');
 }
 
 /// hhmmss.sss in seconds of the day.
 double time_of_day(const Fields& fields, std::size_t index) {
-  const double value = number(fields, index);
+  const double value = field_number(fields, index);
   return std::floor(value / 10000) * 3600 + std::fmod(std::floor(value / 100), 100) * 60 + std::fmod(value, 100);
 }
 
 /// dddmm.mmmm and a hemisphere, in degrees.
 double degrees(const Fields& fields, std::size_t index) {
-  const double value = number(fields, index), whole = std::floor(value / 100);
+  const double value = field_number(fields, index), whole = std::floor(value / 100);
   const std::string_view side = index + 1 < fields.size() ? fields[index + 1] : "";
   if (side.size() != 1 || std::string_view("NSEW").find(side) == side.npos) return kUnknown;
   return (side == "S" || side == "W" ? -1 : 1) * (whole + (value - 100 * whole) / 60);
@@ -90,7 +78,7 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
       const std::pair now(day, read_moment(iso).seconds);
       if (!std::isnan(now.second) && (midnights.empty() || midnights.back() != now)) midnights.push_back(now);
     };
-    const double status = number(fields, 6);
+    const double status = field_number(fields, 6);
     const bool rmc = kind == "RMC", fix = rmc ? fields.size() > 9 && fields[2] == "A" : status > 0;
     if (rmc && fix && fields[9].size() == 6) {
       const std::string date(fields[9]);  // ddmmyy
@@ -106,7 +94,7 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     if (fix) point.latitude = degrees(fields, rmc ? 3 : 2), point.longitude = degrees(fields, rmc ? 5 : 4);
     if (!std::isnan(point.latitude) && !std::isnan(point.longitude)) {
       ++receiver.fixes;
-      const double satellites = number(fields, 7), hdop = number(fields, 8);
+      const double satellites = field_number(fields, 7), hdop = field_number(fields, 8);
       // Quality 4, fixed RTK, is the best; 6 is reckoned without satellites, the worst.
       if (!rmc)
         receiver.worth += (status == 6   ? 0

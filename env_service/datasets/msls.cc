@@ -29,10 +29,7 @@ class MapillarySls : public FolderDataset {
       : FolderDataset("msls", folder, "train_val/ and test/ of cities") {}
 
   std::vector<std::string> names() override {
-    std::vector<std::string> names;
-    for (const auto& [name, path] : folders()) names.push_back(name);
-    if (names.empty()) not_recognised("train_val/<city>/{database,query}/seq_info.csv");
-    return names;
+    return names_of(folders(), "train_val/<city>/{database,query}/seq_info.csv");
   }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 

@@ -134,10 +134,7 @@ class Rosbag2 : public FolderDataset {
         recorded_(parameters.flag("stamp")) {}
 
   std::vector<std::string> names() override {
-    std::vector<std::string> found;
-    for (const auto& [name, path] : sources()) found.push_back(name);
-    if (found.empty()) not_recognised("bag in it: a folder with metadata.yaml, or a file .mcap or .db3");
-    return found;
+    return names_of(sources(), "bag in it: a folder with metadata.yaml, or a file .mcap or .db3");
   }
 
   /// Returns false where folders of pictures lie beside the bags.

@@ -2,12 +2,13 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <map>
 
+#include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
 #include "env_service/files/times.h"
 #include "env_service/geometry/geometry.h"
 
@@ -28,10 +29,7 @@ class UtmNames : public FolderDataset {
       : FolderDataset("utm_names", folder, "images/test/{database,queries} of @easting@northing@... pictures") {}
 
   std::vector<std::string> names() override {
-    std::vector<std::string> names;
-    for (const auto& [name, path] : folders()) names.push_back(name);
-    if (names.empty()) not_recognised("database/ or queries/ of pictures named @easting@northing@...");
-    return names;
+    return names_of(folders(), "database/ or queries/ of pictures named @easting@northing@...");
   }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
@@ -53,29 +51,19 @@ class UtmNames : public FolderDataset {
   }
 
   /// Returns what stands between the signs: easting, northing, zone ...; empty when the name is not of this form.
-  static std::vector<std::string> fields_of(const std::string& file) {
-    std::vector<std::string> fields;
-    if (!file.starts_with('@')) return fields;
-    for (std::size_t at = 1; at <= file.size();) {
-      const std::size_t end = std::min(file.find('@', at), file.size());
-      fields.push_back(file.substr(at, end - at));
-      at = end + 1;
-    }
+  /// They are parts of `file`, which must outlive them.
+  static std::vector<std::string_view> fields_of(std::string_view file) {
+    if (!file.starts_with('@')) return {};
+    std::vector<std::string_view> fields = split(file.substr(1), '@');
+    for (std::string_view& field : fields)
+      if (field.starts_with('+')) field.remove_prefix(1);  // of a number
     return fields;
-  }
-
-  static double number(const std::vector<std::string>& fields, std::size_t index) {
-    if (index >= fields.size()) return kUnknown;
-    const char* const begin = fields[index].data() + fields[index].starts_with('+');
-    const char* const end = fields[index].data() + fields[index].size();
-    double value = 0;
-    return begin != end && std::from_chars(begin, end, value).ptr == end ? value : kUnknown;
   }
 
   /// Returns the digits of a name's timestamp, yyyymmddhhmmss; empty when it has none.
   static std::string timestamp(const std::string& file) {
-    const std::vector<std::string> fields = fields_of(file);
-    std::string time = fields.size() > 12 ? fields[12] : "";
+    const std::vector<std::string_view> fields = fields_of(file);
+    std::string time(fields.size() > 12 ? fields[12] : "");
     std::erase_if(time, [](char c) { return c < '0' || c > '9'; });
     return time;
   }
@@ -92,14 +80,15 @@ class UtmNames : public FolderDataset {
                    untimed, paths.size());
     std::vector<double> latitude, longitude, x, y;
     for (std::string& path : paths) {
-      const std::vector<std::string> fields = fields_of(path);
-      path = below(folder, path);
-      x.push_back(number(fields, 0));
-      y.push_back(number(fields, 1));
+      const std::string file = path;
+      const std::vector<std::string_view> fields = fields_of(file);
+      path = below(folder, file);
+      x.push_back(field_number(fields, 0));
+      y.push_back(field_number(fields, 1));
       if (std::isnan(x.back()) || std::isnan(y.back()))
         throw Error("its name does not begin with @easting@northing@ in metres", path, "move it away");
-      LatLon place{number(fields, 4), number(fields, 5)};
-      const double zone = number(fields, 2);
+      LatLon place{field_number(fields, 4), field_number(fields, 5)};
+      const double zone = field_number(fields, 2);
       if ((std::isnan(place.latitude) || std::isnan(place.longitude)) && zone >= 1 && zone <= 60)
         place = from_utm(x.back(), y.back(), static_cast<int>(zone),
                          fields.size() < 4 || fields[3].empty() || (fields[3][0] | 32) >= 'n');

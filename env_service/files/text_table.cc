@@ -11,6 +11,7 @@
 #include "core/util/error.h"
 #include "core/util/text.h"
 #include "env_service/files/files.h"
+#include "env_service/files/times.h"
 
 namespace citylearn {
 namespace {
@@ -34,6 +35,13 @@ void each_line(std::string_view text, const std::function<void(std::string_view,
     visit(trimmed(text.substr(at, end - at)), number);
     at = end + (text.substr(end, 2) == "\r\n" ? 2 : 1);
   }
+}
+
+double field_number(const std::vector<std::string_view>& fields, std::size_t index) {
+  if (index >= fields.size()) return kUnknown;
+  double value = 0;
+  const char *const begin = fields[index].data(), *const end = begin + fields[index].size();
+  return begin != end && std::from_chars(begin, end, value).ptr == end ? value : kUnknown;
 }
 
 std::string printable(std::string_view field) {

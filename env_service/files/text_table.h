@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace citylearn {
 
@@ -13,6 +14,10 @@ namespace citylearn {
 void each_line(std::string_view text, const std::function<void(std::string_view line, int number)>& visit);
 /// Returns the first 20 characters of a field for a message; those that a terminal cannot show become '?'.
 std::string printable(std::string_view field);
+
+/// Returns the number that is a field of its own, as between separators; kUnknown when the field is missing or anything
+/// else.
+double field_number(const std::vector<std::string_view>& fields, std::size_t index);
 
 /// Rows of a text file of fields. Line ends may be LF, CRLF or CR alone; a byte order mark, empty lines and lines that
 /// begin with '#' are skipped.
