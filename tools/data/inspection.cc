@@ -62,7 +62,7 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
   for (const auto& [kind, paths] : kinds) {
     const std::string line = std::to_string(paths.size()) + " " + kind + ", the first " + *paths.begin();
     if (own && !texts.contains(kind))
-      found.faults.push_back({kNotTaken, -1, "", line});
+      found.not_taken.push_back(line);
     else
       found.left_out.push_back(line);
   }
@@ -191,6 +191,7 @@ std::string to_json(const std::string& dataset, const Inspection& inspection) {
     }
     faults.push_back(json);
   }
+  for (const std::string& kind : inspection.not_taken) faults.push_back({{"traversal", "not taken"}, {"what", kind}});
   return dumped({{"dataset", dataset},
                  {"frames", inspection.frames},
                  {"faults", faults},

@@ -17,13 +17,12 @@ struct Fault {
   std::string what;
 };
 
-inline const std::string kNotTaken = "not taken";  ///< in place of a traversal: a kind of files
-
 struct Inspection {
   long frames = 0;  ///< looked at
   std::vector<Fault> faults;
-  std::vector<std::string> left_out;  ///< lines on files that are not taken, on purpose
-  std::vector<std::string> notes;     ///< lines on what may be meant or not, and is no fault
+  std::vector<std::string> not_taken;  ///< lines on kinds of files that are not taken and should be
+  std::vector<std::string> left_out;   ///< lines on files that are not taken, on purpose
+  std::vector<std::string> notes;      ///< lines on what may be meant or not, and is not a fault
 };
 
 /// Loads every traversal of the dataset in `folder`, decodes every frame, and looks for files that are not taken: of

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <iostream>
 #include <optional>
 
@@ -75,14 +74,15 @@ int check(CommandLine& line) {
                             (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) +
                             ": " + fault.what)
                 << "\n";
+    for (const std::string& kind : inspection.not_taken) std::cout << one_line("not taken: " + kind) << "\n";
     for (const std::string& note : inspection.notes) std::cout << one_line(note) << "\n";
     for (const std::string& kind : inspection.left_out) std::cout << one_line("left out: " + kind) << "\n";
-    const auto not_taken = std::ranges::count(inspection.faults, kNotTaken, &Fault::traversal);
-    std::cout << name << ": " << inspection.frames << " frames, " << std::ssize(inspection.faults) - not_taken << " bad"
-              << (not_taken > 0 ? "; kinds of files not taken: " + std::to_string(not_taken) : "") << "\n";
+    std::cout << name << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad";
+    if (!inspection.not_taken.empty()) std::cout << "; kinds of files not taken: " << inspection.not_taken.size();
+    std::cout << "\n";
   }
   if (stop_requested()) throw Error("stopped before the end", line.source.folder);
-  return inspection.faults.empty() ? 0 : 1;
+  return inspection.faults.empty() && inspection.not_taken.empty() ? 0 : 1;
 }
 
 int info(CommandLine& line) {
