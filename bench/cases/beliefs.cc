@@ -8,6 +8,7 @@
 #include "core/task/action.h"
 #include "core/util/random.h"
 #include "policy_service/network/agent_network.h"
+#include "tests/support/networks/small_networks.h"
 
 namespace citylearn::bench {
 namespace {
@@ -67,12 +68,7 @@ void compare_beliefs() {
     NetworkTask task;
     task.features = kDimension;
     task.frames = places;
-    task.reference.resize(kDimension, places);
-    Vector<float> look = Vector<float>::Zero(kDimension);
-    for (int place = 0; place < places; ++place) {
-      for (float& value : look) value = 0.8f * value + 0.6f * static_cast<float>(random.normal());
-      task.reference.col(place) = look.normalized();
-    }
+    task.reference = route_features(kDimension, places, random);
     Walk whole(task, places + 1), sparse(task, 0);
     std::array<std::vector<double>, 3> times;  // of the processor, whole and sparse; and their ratio
     for (int round = 0; round < 6; ++round) {

@@ -36,6 +36,17 @@ inline NetworkTask small_task(int features, int experiences = 1) {
   return task;
 }
 
+/// Returns the features of a route whose neighbouring places look alike, a place a column.
+inline Matrix<float> route_features(int features, int places, Random& random) {
+  Matrix<float> route(features, places);
+  Vector<float> look = Vector<float>::Zero(features);
+  for (int place = 0; place < places; ++place) {
+    for (float& value : look) value = 0.8f * value + 0.6f * static_cast<float>(random.normal());
+    route.col(place) = look.normalized();
+  }
+  return route;
+}
+
 /// 3 agents walk at random for 6 steps on the first `frames` places, with episodes that begin in the middle. Half of
 /// what they see is disguised. The rest agents at the same place share; with `shared` false nothing is shared.
 inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bool shared = true) {

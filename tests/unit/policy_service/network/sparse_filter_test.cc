@@ -23,12 +23,7 @@ struct Route {
   explicit Route(int frames, int features) {
     task.features = features;
     task.frames = frames;
-    task.reference.resize(features, frames);
-    Vector<float> look = Vector<float>::Zero(features);
-    for (int place = 0; place < frames; ++place) {
-      for (float& value : look) value = 0.8f * value + 0.6f * static_cast<float>(random.normal());
-      task.reference.col(place) = look.normalized();
-    }
+    task.reference = route_features(features, frames, random);
   }
   std::unique_ptr<AgentNetwork<S>> network(int sparse_from, const std::map<std::string, double>& parameters) const {
     NetworkTask what = task;
