@@ -112,7 +112,7 @@ Keywords with_training(const Keywords& given, const TrainingData& learned) {
     all.emplace("encoder", recipe->encoder_option());
     all.emplace("reference", first.traversal);
   }
-  // A checkpoint does not say which program is run: whoever evaluates it does.
+  // A checkpoint must not choose which program runs: the caller of evaluate() names it.
   const auto named = all.find("encoder");
   if (named != all.end() && (named->second == "python" || named->second.ends_with(".py"))) {
     named->second = "python";
