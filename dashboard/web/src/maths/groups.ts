@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Manifest, Run } from '../api/types';
 import { dateTime } from './format';
+import { isKnown } from './runs';
 
 export type GroupBy = 'sweep' | 'agent';
 
@@ -68,7 +69,7 @@ export function groupRuns(runs: readonly Run[], by: GroupBy, settings: ReadonlyM
   return groups;
 }
 
-/** Returns the first group, which has the newest run. One whose runs are known by their episodes alone has no curves, and counts last. */
+/** Returns the first group with a known run, else the first: others have no curves. */
 export function preferredGroup(groups: readonly Group[]): Group | undefined {
-  return groups.find((group) => group.runs.some((run) => run.policy !== null)) ?? groups[0];
+  return groups.find((group) => group.runs.some(isKnown)) ?? groups[0];
 }

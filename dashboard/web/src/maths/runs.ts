@@ -17,10 +17,10 @@ export function meanRate(run: Pick<Run, 'steps' | 'wall'>): number | null {
   return run.steps !== null && run.wall ? run.steps / run.wall : null;
 }
 
-/**
- * Returns the newest run in a state, else the newest. Runs come newest first and are not empty. One of which only episodes are
- * known (an env_service sent those of an earlier policy_service again) shows nothing that moves, and counts last.
- */
+/** Returns whether more is known of a run than episodes, which an env_service sends again after their policy_service ended. */
+export const isKnown = (run: Run): boolean => run.policy !== null;
+
+/** Returns the newest known run in a state, else the newest. Runs come newest first and are not empty. */
 export function preferredRun(runs: readonly Run[], state: Run['state']): Run {
-  return runs.find((run) => run.state === state && run.policy !== null) ?? (runs[0] as Run);
+  return runs.find((run) => run.state === state && isKnown(run)) ?? (runs[0] as Run);
 }

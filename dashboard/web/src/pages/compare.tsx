@@ -8,7 +8,7 @@ import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
 import { artefactsOf, compareManifests, type Fact } from '../maths/manifest';
-import { meanRate, runName } from '../maths/runs';
+import { isKnown, meanRate, runName } from '../maths/runs';
 import { deviation, known, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
 import { failure, useJsons, valueOf } from '../state/resource';
@@ -44,7 +44,7 @@ function chosenRuns(all: readonly Run[]): Run[] {
 
 function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
   const selected = chosenRuns(all);
-  usePinned('runs', selected.map((run) => run.id).join('\n'));
+  usePinned('runs', selected.filter(isKnown).map((run) => run.id).join('\n') || null);
   return (
     <>
       <Groups all={all} />

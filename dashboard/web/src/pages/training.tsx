@@ -9,6 +9,7 @@ import { fixed, percent, short, significant, threeDecimals } from '../maths/form
 import { preferredGroup, type Group } from '../maths/groups';
 import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
+import { isKnown } from '../maths/runs';
 import type { Range } from '../maths/seeds';
 import { curveAxis, cursorAt, moved, seenAt, setCursor } from '../state/cursor';
 import { useGroups } from '../state/groups';
@@ -97,7 +98,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const shown = shownGroups(groups);
   // Its newest run stands for a group, as runs may be grouped otherwise once their manifests are known.
   const [newest] = [...(shown[0]?.runs ?? [])].sort((a, b) => (b.started ?? 0) - (a.started ?? 0));
-  usePinned('runs', newest?.id ?? null, place.value.params.has('groups'));
+  usePinned('runs', newest && isKnown(newest) ? newest.id : null, place.value.params.has('groups'));
   let room = MAX_RUNS;
   const fitting = shown.filter((group) => (room -= group.runs.length) >= 0 || group === shown[0]);
   const ids = fitting.flatMap((group) => group.runs.map((run) => run.id));

@@ -2,7 +2,7 @@
 import type { JSX } from 'preact';
 import type { Run } from '../api/types';
 import { dateTime } from '../maths/format';
-import { preferredRun, runName } from '../maths/runs';
+import { isKnown, preferredRun, runName } from '../maths/runs';
 import { param, setParams, usePinned } from '../state/router';
 import { Select } from './basics';
 
@@ -13,7 +13,7 @@ export function chosenRun(runs: readonly Run[], state: Run['state']): Run {
 }
 
 export function RunSelect({ runs, chosen }: { runs: readonly Run[]; chosen: Run }): JSX.Element {
-  usePinned('run', chosen.id);
+  usePinned('run', isKnown(chosen) ? chosen.id : null);
   return (
     <Select
       label="Run"

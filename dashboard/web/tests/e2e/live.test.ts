@@ -74,6 +74,29 @@ describe('live', () => {
   });
 });
 
+describe('a run of which only episodes are known', () => {
+  const stage = Stage.ofCity();
+
+  it('is shown until the page hears of another', async () => {
+    let known = false;
+    const told = (json: unknown): unknown => {
+      const { runs } = json as { runs?: Run[] };
+      const stray = runs?.slice(0, 1).map((run) => ({ ...run, id: 'stray', session: 'stray', policy: null }));
+      return runs && !known ? { ...(json as object), runs: stray } : json;
+    };
+    for (const name of ['training', 'route']) {
+      known = false;
+      let tell: (topic: string, json: object) => void = () => undefined;
+      const { page } = await stage.page(name, {}, async (one) => (tell = await between(one, told)));
+      await page.locator('main', { hasText: 'stray' }).waitFor();
+      expect(page.url()).not.toContain('stray');
+      known = true;
+      tell('runs', await api<object>(stage.url, 'runs'));
+      await page.waitForFunction(() => /run(s)?=[^&]*live/.test(decodeURIComponent(location.hash)));
+    }
+  });
+});
+
 describe('a dashboard that is killed and started again', () => {
   const stage = Stage.ofProgram(() => ({ ...inject('city').wire, id: 'second', leave: true }));
 
