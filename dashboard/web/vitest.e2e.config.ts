@@ -9,6 +9,7 @@ export default defineConfig({
     globalSetup: 'tests/e2e/city.ts',
     maxWorkers: 2,
     minWorkers: 1,
+    retry: 1, // the report names what was tried again
     testTimeout: 120_000, // deadlines are for a busy machine with two processors
     hookTimeout: 120_000,
     expect: { poll: { interval: 50, timeout: 60_000 } },

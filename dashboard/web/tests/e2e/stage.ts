@@ -164,9 +164,9 @@ export async function zoom(page: Page, from: number, to: number): Promise<void> 
   await page.mouse.up();
 }
 
-/** Returns the name and the text of the file that a button saves. */
+/** Returns the name and the text of the file that a button saves. It is pressed by a key: it may move under a mouse while a page loads. */
 export async function saved(page: Page, button: string): Promise<[name: string, text: string]> {
-  const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('button', { name: button }).click()]);
+  const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('button', { name: button }).press('Enter')]);
   let text = '';
   for await (const part of await download.createReadStream()) text += String(part);
   return [download.suggestedFilename(), text];
