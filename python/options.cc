@@ -24,6 +24,8 @@ namespace {
 
 constexpr std::uint64_t kUnlimitedSteps = 1'000'000'000'000;  // steps, the most that a trainer takes
 
+constexpr std::int64_t kMostDescriptors = 1 << 26;  // numbers that are kept together
+
 const std::string kGroup = "Options";  // one without a name hides options' names in messages
 
 struct RecordingOptions {
@@ -159,8 +161,10 @@ Traversal taught_reference(const RecordingOptions& options, const TrainingData& 
   std::vector<RecordingOptions> tried = {options};
   if (!learned.source.empty()) tried.push_back(read_recording_options(with_training({}, learned)));
   std::string why;
-  for (const RecordingOptions& one : tried) try {
-      Traversal found = reference_traversal(*open_dataset(one.source), one);
+  for (RecordingOptions& one : tried) try {
+      const std::unique_ptr<Dataset> dataset = open_dataset(one.source);
+      if (!one.selection_given) select_as_taught(*dataset, one.source.selection, learned.traversals.front());
+      Traversal found = reference_traversal(*dataset, one);
       if (found.hash() == hash) return found;
       why = fmt::format("'{}' has other contents (hash {:016x})", found.name, found.hash());
     } catch (const Error& error) {
@@ -204,6 +208,16 @@ std::string encode(Traversal& pictures, Dataset& dataset, RecordingOptions& opti
     if (!own) descriptors.resize(0, 0);
   }
   recipe.encoder = encoder->spec().name;
+  const std::int64_t numbers = std::int64_t{encoder->spec().dimension} * pictures.frames;
+  if (how.learns() && how.centring != Centring::kOwn && descriptors.size() == 0 && numbers > kMostDescriptors) {
+    OnlineReduction online(std::make_shared<Reduction>(reduction));
+    Eigen::MatrixXf features(reduction.dimension(), pictures.frames);
+    lab::encode_blocks(*encoder, pictures, entry.name, store, [&](int first, const Eigen::MatrixXf& block) {
+      for (Eigen::Index i = 0; i < block.cols(); ++i) features.col(first + i) = online.apply(block.col(i));
+    });
+    pictures = lab::with_features(pictures, features);
+    return recipe.text();
+  }
   if (descriptors.size() == 0) descriptors = lab::encode(*encoder, pictures, entry.name, store).matrix;
   if (!how.learns()) reduction = Reduction::learn(descriptors, how);
   pictures = lab::with_features(pictures, reduction.apply(descriptors));

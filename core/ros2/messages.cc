@@ -76,5 +76,13 @@ bool decode_ros2(std::span<const std::byte> bytes, Message& message) {
   template void encode_ros2(const PACKAGE::msg::dds_::TYPE##_& message, Bytes& bytes);              \
   template bool decode_ros2(std::span<const std::byte> bytes, PACKAGE::msg::dds_::TYPE##_& message);
 #include "ros2/ros2_types.inc"
+#undef CITYLEARN_ROS2_TYPE
+
+const Ros2Type* ros2_type(const std::string& name) {
+#define CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) \
+  if (name == #PACKAGE "/msg/" #TYPE) return &ros2_type_of<PACKAGE::msg::dds_::TYPE##_>();
+#include "ros2/ros2_types.inc"
+  return nullptr;
+}
 
 }  // namespace citylearn

@@ -36,6 +36,9 @@ class Ros2Sink {
 template <class Message>
 const Ros2Type& ros2_type_of();
 
+/// Returns the type of this name, "sensor_msgs/msg/Image"; null for all others.
+const Ros2Type* ros2_type(const std::string& name);
+
 /// Writes the CDR bytes of a message into `bytes` (its capacity is used again).
 template <class Message>
 void encode_ros2(const Message& message, Bytes& bytes);

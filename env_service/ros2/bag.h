@@ -13,10 +13,11 @@
 namespace citylearn {
 
 struct BagTopic {
-  std::string name;            ///< "/camera/image_raw"
-  std::string type;            ///< "sensor_msgs/msg/Image"
-  std::string encoding;        ///< of its messages: "cdr"
-  std::uint64_t messages = 0;  ///< that read_all() found
+  std::string name;                     ///< "/camera/image_raw"
+  std::string type;                     ///< "sensor_msgs/msg/Image"
+  std::string encoding;                 ///< of its messages: "cdr"
+  std::string schema_encoding, schema;  ///< as McapChannel's; empty where the file has none
+  std::uint64_t messages = 0;           ///< that read_all() found
 };
 
 /// Where a message is in a bag.

@@ -29,7 +29,9 @@ class McapBagFile : public BagFile {
     while (const auto message = reader_.next()) {
       const McapChannel* const channel = message->channel;
       const auto [topic, added] = topics.try_emplace(channel);
-      if (added) topic->second = visitor.topic({channel->topic, channel->type, channel->encoding});
+      if (added)
+        topic->second = visitor.topic(
+            {channel->topic, channel->type, channel->encoding, channel->schema_encoding, channel->schema});
       if (visitor.count(topic->second))
         visitor.use(
             {topic->second, message->log_time, message->data, {0, message->place.record, message->place.offset}});
@@ -63,10 +65,18 @@ class SqliteBagFile : public BagFile {
   void read_all(const BagVisitor& visitor) override {
     guarded([&] {
       std::map<std::int64_t, std::size_t> topics;
+      std::map<std::string, std::string> definitions;  // by type; of version 4 of the tables
+      if (database_->tableExists("message_definitions")) {
+        SQLite::Statement known(*database_,
+                                "SELECT topic_type, encoded_message_definition FROM message_definitions "
+                                "WHERE encoding = 'ros2msg'");
+        while (known.executeStep()) definitions[known.getColumn(0).getString()] = known.getColumn(1).getString();
+      }
       SQLite::Statement names(*database_, "SELECT id, name, type, serialization_format FROM topics");
       while (names.executeStep())
-        topics[names.getColumn(0).getInt64()] = visitor.topic(
-            {names.getColumn(1).getString(), names.getColumn(2).getString(), names.getColumn(3).getString()});
+        topics[names.getColumn(0).getInt64()] =
+            visitor.topic({names.getColumn(1).getString(), names.getColumn(2).getString(),
+                           names.getColumn(3).getString(), "ros2msg", definitions[names.getColumn(2).getString()]});
       SQLite::Statement rows(*database_, "SELECT id, topic_id, timestamp, length(data) FROM messages");
       while (rows.executeStep()) {
         const auto topic = topics.find(rows.getColumn(1).getInt64());

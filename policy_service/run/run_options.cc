@@ -25,6 +25,23 @@ CLI::Validator at_least(int least) {
           least == 0 ? "NONNEGATIVE" : "POSITIVE"};
 }
 
+void add_source_option(CLI::App& app, std::map<std::string, std::string>& source, const std::string& help) {
+  app.add_option_function<std::vector<std::string>>(
+         "--source",
+         [&source](const std::vector<std::string>& words) {
+           source.clear();
+           for (const std::string& word : words) {
+             const std::size_t at = word.find('=');
+             if (at == word.npos || at == 0)
+               throw CLI::ValidationError("--source", "'" + word + "' is not NAME=VALUE, as data=/home/me/drives");
+             source[word.substr(0, at)] = word.substr(at + 1);
+           }
+         },
+         help)
+      ->type_name("NAME=VALUE")
+      ->allow_extra_args(false);
+}
+
 void add_task_options(CLI::App& app, PolicyServiceOptions& options) {
   options.cap_frames = true;  // until --frames is given
   // env_services announce recordings under such names.
@@ -35,21 +52,9 @@ void add_task_options(CLI::App& app, PolicyServiceOptions& options) {
       ->default_str("summer")
       ->delimiter(',')
       ->transform(name_from);
-  app.add_option_function<std::vector<std::string>>(
-         "--source",
-         [&options](const std::vector<std::string>& words) {
-           options.source.clear();
-           for (const std::string& word : words) {
-             const std::size_t at = word.find('=');
-             if (at == word.npos || at == 0)
-               throw CLI::ValidationError("--source", "'" + word + "' is not NAME=VALUE, as data=/home/me/drives");
-             options.source[word.substr(0, at)] = word.substr(at + 1);
-           }
-         },
-         "An option that the env_services and the encoder_service of --train were started with; may be repeated. "
-         "Checkpoints carry it, so that the agent can be evaluated on the same data later")
-      ->type_name("NAME=VALUE")
-      ->allow_extra_args(false);
+  add_source_option(app, options.source,
+                    "An option that the env_services and the encoder_service of --train were started with; may be "
+                    "repeated. Checkpoints carry it, so that the agent can be evaluated on the same data later");
   app.add_option("--evaluate", options.evaluate, "Traversals to evaluate on, A,B,...")
       ->default_str("all that are found")
       ->delimiter(',')

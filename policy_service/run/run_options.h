@@ -12,7 +12,10 @@ namespace citylearn {
 
 /// Add options of a policy_service that other programs have too. `options` must live until the command line is parsed.
 
-/// --train, --evaluate, --frames, --max-steps, --curriculum, --environments, --lockstep, --observations, --wait.
+/// --source.
+void add_source_option(CLI::App& app, std::map<std::string, std::string>& source, const std::string& help);
+/// --source, --train, --evaluate, --frames, --max-steps, --curriculum, --environments, --lockstep, --observations,
+/// --wait.
 void add_task_options(CLI::App& app, PolicyServiceOptions& options);
 /// Adds the options of a learner with actors: --window, --max-lag.
 void add_learner_options(CLI::App& app, PolicyServiceOptions& options);

@@ -48,6 +48,7 @@ ELSEWHERE = {
     "policy_service --train summer,fall --evaluate winter ...": "the demo before it",
     "env_service --dataset synthetic --metrics": "prometheus_test.py",
     "./run forward": "tests/python/forward_test.py",
+    "./run replay drive --agent": "tests/unit/tools/record",
 }
 
 

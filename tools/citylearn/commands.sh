@@ -41,7 +41,8 @@ Data and results
   export      writes an agent as an ONNX file, with its encoder or alone
   forward     copies runs to MLflow, Weights & Biases or Trackio
   paper       repeats the paper's experiments on your data
-  record      records a run's messages; "replay" plays them again
+  record      records a run's messages; "replay" plays them again, or a bag to
+              an agent
   teach       records a route from a robot's camera; "simulated-robot" is one
   ros2        publishes a run to ROS 2, or writes files that its tools open
   doctor      shows reachable services and diagnoses network problems

@@ -11,6 +11,11 @@
 #include "encoder_service/pipeline/feature_store.h"
 
 namespace citylearn::lab {
+namespace {
+
+constexpr int kBatchesOfBlock = 16;
+
+}  // namespace
 
 cv::Mat read_picture(const Traversal& traversal, int frame) {
   if (stop_requested()) throw Stopped{};
@@ -31,37 +36,50 @@ void fit_encoder(Encoder& encoder, const Traversal& reference) {
   encoder.learn(pictures);
 }
 
-Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store) {
-  const Clock::time_point start = Clock::now();
+int encode_blocks(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store,
+                  const std::function<void(int first, const Eigen::MatrixXf& block)>& use) {
   const Encoder::Spec spec = encoder.spec();
-  Descriptors result;
-  result.matrix.resize(spec.dimension, traversal.frames);
   std::optional<FeatureStore> kept;
   if (!store.empty())
     kept.emplace(store, FeatureStore::Key{spec.name, spec.dimension, traversal.hash(), traversal.frames});
-  const auto column = [&](int frame) {
-    return std::span<float>(result.matrix.col(frame).data(), static_cast<std::size_t>(spec.dimension));
-  };
-  std::vector<int> missing;
-  for (int frame = 0; frame < traversal.frames; ++frame)
-    if (!kept || !kept->read(frame, column(frame))) missing.push_back(frame);
-
-  Progress progress(label + " " + traversal.name, static_cast<int>(missing.size()));
-  const std::size_t batch = static_cast<std::size_t>(std::max(1, spec.batch));
+  Progress progress(label + " " + traversal.name, traversal.frames);
+  const int batch = std::max(1, spec.batch), size = kBatchesOfBlock * batch;
+  int encoded = 0;
+  Eigen::MatrixXf block;
   std::vector<cv::Mat> pictures;
-  for (std::size_t first = 0; first < missing.size(); first += batch) {
-    const std::size_t size = std::min(batch, missing.size() - first);
-    pictures.clear();
-    for (std::size_t i = 0; i < size; ++i) pictures.push_back(read_picture(traversal, missing[first + i]));
-    const Eigen::MatrixXf columns = encoder.encode(pictures);
-    for (std::size_t i = 0; i < size; ++i) {
-      const int frame = missing[first + i];
-      result.matrix.col(frame) = columns.col(static_cast<Eigen::Index>(i));
-      if (kept) kept->write(frame, column(frame));
+  for (int first = 0; first < traversal.frames; first += size) {
+    block.resize(spec.dimension, std::min(size, traversal.frames - first));
+    const auto column = [&](int frame) {
+      return std::span<float>(block.col(frame - first).data(), static_cast<std::size_t>(spec.dimension));
+    };
+    std::vector<int> missing;
+    for (int frame = first; frame < first + block.cols(); ++frame)
+      if (!kept || !kept->read(frame, column(frame))) missing.push_back(frame);
+    progress.done(static_cast<int>(block.cols()) - static_cast<int>(missing.size()));
+    encoded += static_cast<int>(missing.size());
+    for (auto from = missing.begin(); from != missing.end();) {
+      const auto to = from + std::min<std::ptrdiff_t>(batch, missing.end() - from);
+      pictures.clear();
+      for (auto frame = from; frame != to; ++frame) pictures.push_back(read_picture(traversal, *frame));
+      const Eigen::MatrixXf columns = encoder.encode(pictures);
+      for (Eigen::Index i = 0; from != to; ++from, ++i) {
+        block.col(*from - first) = columns.col(i);
+        if (kept) kept->write(*from, column(*from));
+      }
+      progress.done(static_cast<int>(columns.cols()));
     }
-    progress.done(static_cast<int>(size));
+    use(first, block);
   }
-  result.encoded = static_cast<int>(missing.size());
+  return encoded;
+}
+
+Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store) {
+  const Clock::time_point start = Clock::now();
+  Descriptors result;
+  result.matrix.resize(encoder.spec().dimension, traversal.frames);
+  result.encoded = encode_blocks(encoder, traversal, label, store, [&](int first, const Eigen::MatrixXf& block) {
+    result.matrix.middleCols(first, block.cols()) = block;
+  });
   result.seconds = seconds_since(start);
   return result;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <string>
 
 #include "encoder_service/encoding/encoder.h"
@@ -25,8 +26,12 @@ struct Descriptors {
 /// Lets an encoder that learns do so from the pictures that an encoder_service takes. Throws Error, Stopped.
 void fit_encoder(Encoder& encoder, const Traversal& reference);
 
-/// Encodes a traversal of pictures in order. With a `store` folder, features stored there are read and new ones
-/// written. Throws Error, Stopped.
+/// Encodes a traversal of pictures in order, and calls `use` with the descriptors of frames `first` and those after it,
+/// so that all of them need not be kept. Returns how many frames were encoded; the others came from the store. With a
+/// `store` folder, features stored there are read and new ones written. Throws Error, Stopped.
+int encode_blocks(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store,
+                  const std::function<void(int first, const Eigen::MatrixXf& block)>& use);
+/// Returns all descriptors.
 Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store);
 
 /// Returns the traversal with features, D x F, in place of its pictures; it ends with them.
