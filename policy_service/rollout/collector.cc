@@ -68,6 +68,7 @@ struct Collector::Impl {
     std::vector<Agent> agent;
     std::vector<FinishedEpisode> finished;
     std::vector<Piece> pieces;
+    WorkerPool::PieceTime piece_time;
     Piece single;  // for values of truncated episodes
   };
 
@@ -367,7 +368,7 @@ void Collector::Impl::evaluate(EnvState& env, const Vector<float>& parameters) {
     piece.workspace->fixed = env.parameter_generation;
     network.forward(parameters, piece.inputs, piece.state, *piece.workspace);
   };
-  workers.run(static_cast<int>(env.pieces.size()), std::cref(run));
+  workers.run(static_cast<int>(env.pieces.size()), std::cref(run), &env.piece_time);
 }
 
 /// Draws actions and records them, with all that the learner needs.

@@ -21,19 +21,28 @@ WorkerPool::~WorkerPool() {
   for (std::thread& helper : helpers_) helper.join();
 }
 
-void WorkerPool::run(int count, const std::function<void(int)>& work) {
-  const int helpers = std::min(count, threads_) - 1;
-  if (helpers < 1) {
+int WorkerPool::PieceTime::threads(int pieces, int most) const {
+  const double worth = seconds_ * pieces / std::chrono::duration<double>(kMinWork).count();
+  return worth < most ? std::max(1, static_cast<int>(worth)) : most;
+}
+
+void WorkerPool::run(int count, const std::function<void(int)>& work, PieceTime* time) {
+  const int most = std::min(count, threads_);
+  if (most < 2) {
     for (int piece = 0; piece < count; ++piece) work(piece);
     return;
   }
+  const int helpers = (time ? time->threads(count, most) : most) - 1;
   start_helpers(helpers);
+  const auto begin = std::chrono::steady_clock::now();
   std::unique_lock lock(mutex_);
   work_ = &work;
   next_ = 0;
   count_ = count;
   for (int i = 0; i < helpers; ++i) wake_.notify_one();
-  take_pieces(lock);
+  const int mine = take_pieces(lock);
+  if (time && mine > 0)
+    time->measure(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / mine);
   done_.wait(lock, [this] { return running_ == 0; });
   if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
 }
@@ -57,9 +66,10 @@ void WorkerPool::help() {
   }
 }
 
-/// Does pieces until none is left to begin. The lock is open while a piece is done.
-void WorkerPool::take_pieces(std::unique_lock<std::mutex>& lock) {
-  while (next_ < count_) {
+/// Does pieces until none is left to begin, and returns how many. The lock is open while a piece is done.
+int WorkerPool::take_pieces(std::unique_lock<std::mutex>& lock) {
+  int done = 0;
+  for (; next_ < count_; ++done) {
     const int piece = next_++;
     ++running_;
     lock.unlock();
@@ -75,6 +85,7 @@ void WorkerPool::take_pieces(std::unique_lock<std::mutex>& lock) {
     if (!failure_) failure_ = failure;
     next_ = count_;
   }
+  return done;
 }
 
 }  // namespace citylearn

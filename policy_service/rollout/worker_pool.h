@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <exception>
@@ -16,6 +18,20 @@ namespace citylearn {
 /// thread.
 class WorkerPool {
  public:
+  /// The least work of a thread that is woken: waking one and waiting for it takes a good part of that.
+  static constexpr std::chrono::microseconds kMinWork{50};
+  /// How long a piece of some kind of work takes, as run() has measured it so far.
+  class PieceTime {
+   public:
+    /// Takes in a measurement. It at most doubles the time: the thread may have been interrupted meanwhile.
+    void measure(double seconds) { seconds_ = seconds_ > 0 ? std::min(seconds, 2 * seconds_) : seconds; }
+    /// Returns how many threads, `most` at most, get kMinWork each of so many pieces; 1 when nothing was measured.
+    int threads(int pieces, int most) const;
+
+   private:
+    double seconds_ = 0;
+  };
+
   /// Uses at most so many threads, the caller's included; 0: as many as available_processors(). With 1 there is no
   /// other thread.
   explicit WorkerPool(int threads = 0);
@@ -26,13 +42,14 @@ class WorkerPool {
   int threads() const { return threads_; }
   /// Calls work(0) to work(count - 1) and returns when all have returned. When one throws, those that have not begun
   /// are left out and the exception is rethrown here. Throws Error when the system starts no further thread. Allocates
-  /// nothing once the threads run.
-  void run(int count, const std::function<void(int)>& work);
+  /// nothing once the threads run. With `time`, which it keeps up to date, it wakes only as many threads as get
+  /// kMinWork each; without it all.
+  void run(int count, const std::function<void(int)>& work, PieceTime* time = nullptr);
 
  private:
   void start_helpers(int count);
   void help();
-  void take_pieces(std::unique_lock<std::mutex>& lock);
+  int take_pieces(std::unique_lock<std::mutex>& lock);
 
   const int threads_;
   std::vector<std::thread> helpers_;

@@ -397,7 +397,12 @@ demo() {
     [ -n "${called[$traversal]:-}" ] || look_at "$traversal" || exit 1
     [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route" "${aligning[@]}")
     # What is evaluated is the same for any number of agents, and with more of them a step costs less on the wire.
-    [[ ,$train, == *",$traversal,"* ]] || hosted=$((agents < 32 ? 32 : agents))
+    if [[ ,$train, != *",$traversal,"* ]]; then
+      hosted=256
+      # So many would take much memory on a very long route, and their features might not fit one message.
+      if [ "$count" -gt 100000 ] || [[ " ${pass[*]} " == *' --observations'[\ =]'whole '* ]]; then hosted=32; fi
+      hosted=$((agents < hosted ? hosted : agents))
+    fi
     start "env-$traversal" \
       "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" "${world[@]}" --agents "$hosted" \
       "${recorders[@]}"

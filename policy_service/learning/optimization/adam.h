@@ -43,7 +43,7 @@ class Adam {
       for (const Vector<float>& other : gradients.subspan(1)) sum += range(part, other);
       squares_[static_cast<std::size_t>(part)] = static_cast<double>(sum.squaredNorm());
     };
-    workers.run(static_cast<int>(parts), std::cref(add));
+    workers.run(static_cast<int>(parts), std::cref(add), &add_time_);
     const double norm = std::sqrt(std::accumulate(squares_.begin(), squares_.end(), 0.0));
     if (!std::isfinite(norm)) return norm;
     ++steps_;
@@ -59,7 +59,7 @@ class Adam {
       second = static_cast<float>(kBeta2) * second + static_cast<float>(1 - kBeta2) * scaled.square();
       range(part, parameters).array() -= rate * first / (second.sqrt() * spread + epsilon);
     };
-    workers.run(static_cast<int>(parts), std::cref(descend));
+    workers.run(static_cast<int>(parts), std::cref(descend), &descend_time_);
     return norm;
   }
 
@@ -81,6 +81,7 @@ class Adam {
   Vector<float> first_moment_, second_moment_;
   std::vector<double> squares_;  // of each part of a gradient
   std::uint64_t steps_ = 0;
+  WorkerPool::PieceTime add_time_, descend_time_;
 };
 
 }  // namespace citylearn

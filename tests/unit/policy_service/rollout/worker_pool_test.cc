@@ -19,7 +19,7 @@ namespace citylearn::testing {
 namespace {
 
 /// Returns the number of threads that do something at once when so many pieces wait for one another.
-std::size_t threads_that_meet(WorkerPool& workers, int pieces) {
+std::size_t threads_that_meet(WorkerPool& workers, int pieces, WorkerPool::PieceTime* time = nullptr) {
   std::mutex mutex;
   std::condition_variable met;
   std::set<std::thread::id> threads;
@@ -29,7 +29,7 @@ std::size_t threads_that_meet(WorkerPool& workers, int pieces) {
     met.notify_all();
     met.wait_for(lock, std::chrono::seconds(60), [&] { return static_cast<int>(threads.size()) == pieces; });
   };
-  workers.run(pieces, meet);
+  workers.run(pieces, meet, time);
   return threads.size();
 }
 
@@ -49,6 +49,35 @@ TEST(WorkerPool, DoesEveryPieceOnce) {
 TEST(WorkerPool, DoesThemAtOnce) {
   WorkerPool workers(4);
   for (const int pieces : {2, 4, 3}) EXPECT_EQ(threads_that_meet(workers, pieces), static_cast<std::size_t>(pieces));
+}
+
+TEST(WorkerPool, WakesNoThreadForLessWorkThanThat) {
+  constexpr double kWork = 50e-6;  // seconds, WorkerPool::kMinWork
+  WorkerPool::PieceTime time;
+  EXPECT_EQ(time.threads(100, 8), 1) << "before a measurement";
+  const auto expect = [&](double measured, int pieces, int threads) {
+    time.measure(measured);
+    EXPECT_EQ(time.threads(pieces, 8), threads) << measured << " s, " << pieces << " pieces";
+  };
+  expect(0.9 * kWork, 2, 1);
+  expect(1.1 * kWork, 2, 2);
+  expect(1.1 * kWork, 5, 5);
+  expect(1.1 * kWork, 50, 8);
+  expect(0.42 * kWork, 5, 2);  // less is believed at once,
+  expect(1000 * kWork, 5, 4);  // and more only when it is measured again and again
+  expect(1000 * kWork, 5, 8);
+}
+
+TEST(WorkerPool, WakesThreadsOnceWorkIsWorthIt) {
+  WorkerPool workers(2);
+  WorkerPool::PieceTime time;
+  std::set<std::thread::id> threads;
+  workers.run(
+      2, [&](int) { threads.insert(std::this_thread::get_id()); }, &time);
+  EXPECT_EQ(threads.size(), 1u);
+  time.measure(1e-3);
+  while (time.threads(2, 2) < 2) time.measure(1e-3);  // it doubles each time
+  EXPECT_EQ(threads_that_meet(workers, 2, &time), 2u);
 }
 
 TEST(WorkerPool, OneThreadIsTheCallers) {
