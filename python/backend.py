@@ -50,8 +50,8 @@ def built_package():
 def libraries(module):
     """Returns the Debian packages of the libraries that the module names: it uses others than the programs do."""
     names = re.findall(r"NEEDED\s+(\S+)", subprocess.run(["objdump", "-p", module], check=True, capture_output=True, text=True).stdout)
-    folder = f"*lib/{sysconfig.get_config_var('MULTIARCH')}"
-    found = subprocess.run(["dpkg-query", "--search", *(f"{folder}/{name}" for name in names)], check=False, capture_output=True, text=True)
+    places = [f"*/lib/{folder}{name}" for name in names for folder in ("", f"{sysconfig.get_config_var('MULTIARCH')}/")]
+    found = subprocess.run(["dpkg-query", "--search", *places], check=False, capture_output=True, text=True)
     return set(re.findall(r"^([^:,\s]+)", found.stdout, re.MULTILINE))
 
 
