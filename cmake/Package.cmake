@@ -55,6 +55,10 @@ machine or many: env_service, encoder_service, policy_service, the command
 citylearn with its tools, and units of systemd.")
 set(CPACK_DEBIAN_SERVICES_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_SERVICES_PACKAGE_DEPENDS "systemd | systemd-standalone-sysusers")
+file(GLOB heic_decoder /usr/lib/*/libheif/plugins/libheif-libde265.so)
+if(heic_decoder)  # libheif loads it by name while a program runs, so the programs' own libraries do not tell
+  string(APPEND CPACK_DEBIAN_SERVICES_PACKAGE_DEPENDS ", libheif-plugin-libde265")
+endif()
 set(CPACK_DEBIAN_SERVICES_PACKAGE_RECOMMENDS "systemd, python3, ${report}")
 set(CPACK_DEBIAN_SERVICES_PACKAGE_SUGGESTS citylearn-dashboard)
 set(CPACK_DEBIAN_SERVICES_PACKAGE_CONTROL_EXTRA ${scripts} ${CMAKE_BINARY_DIR}/packages/conffiles)

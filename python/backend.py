@@ -47,8 +47,16 @@ def built_package():
     return package
 
 
+def libraries(module):
+    """Returns the Debian packages of the libraries that the module names: it uses others than the programs do."""
+    names = re.findall(r"NEEDED\s+(\S+)", subprocess.run(["objdump", "-p", module], check=True, capture_output=True, text=True).stdout)
+    places = [f"*/lib/{folder}{name}" for name in names for folder in ("", f"{sysconfig.get_config_var('MULTIARCH')}/")]
+    found = subprocess.run(["dpkg-query", "--search", *places], check=False, capture_output=True, text=True)
+    return set(re.findall(r"^([^:,\s]+)", found.stdout, re.MULTILINE))
+
+
 def programs(build, info):
-    """Returns the files of the wheel that come from a build's Debian packages, and the packages that these depend on."""
+    """Returns the files of the wheel that come from a build's Debian packages, and the packages that it depends on."""
     files, needed = {}, set()
     packages = [next(build.glob(f"packages/citylearn-{part}_*.deb"), None) for part in ("services", "dashboard")]
     if None in packages:
@@ -65,6 +73,7 @@ def programs(build, info):
                 for path in Path(folder, "usr", part).rglob("*"):
                     if path.is_file():
                         files[f"citylearn/installed/{path.relative_to(Path(folder, 'usr'))}"] = path.read_bytes()
+    needed |= libraries(build / "python/citylearn" / MODULE)
     files[info.replace(".dist-info", ".data/scripts/citylearn")] = (HERE / "citylearn_command.py").read_bytes()
     return files, needed
 

@@ -25,7 +25,8 @@ def missing(packages):
 programs = Path(importlib.util.find_spec("citylearn").origin).parent / "installed/bin"
 packages = missing(importlib.metadata.metadata("citylearn-dds").get_all("Requires-External"))
 # Another package may have the same library, as those of BLAS do.
-if packages and "not found" in subprocess.run(["ldd", *programs.iterdir()], capture_output=True, text=True, check=False).stdout:
+binaries = [*programs.iterdir(), *programs.parents[1].glob("_native.*")]
+if packages and "not found" in subprocess.run(["ldd", *binaries], capture_output=True, text=True, check=False).stdout:
     sys.exit("citylearn: its programs need packages of the system: "
              f"apt-get install --no-install-recommends {' '.join(packages)}")
 os.execv(programs / "citylearn", ["citylearn", *sys.argv[1:]])

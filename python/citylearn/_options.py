@@ -16,6 +16,9 @@ import numpy as np
 try:
     from . import _native
 except ImportError as error:
+    if "cannot open shared object file" in str(error):
+        raise ImportError(f"citylearn's module needs a package of the system: {error}; the command `citylearn` of the "
+                          "same environment says which") from None
     _there = ", ".join(path.name for path in Path(__file__).parent.glob("_native.*")) or "none"
     raise ImportError(f"citylearn's module does not load in {sys.implementation.cache_tag} ({sys.executable}); there "
                       f"is {_there}; build it for this Python, or take another: {error}") from None

@@ -89,12 +89,20 @@ class Wheel(unittest.TestCase):
         self.assertEqual(call().stdout, f"{programs}/bin/citylearn demo --seed 2\n")
         ldd = self.folder / "tools/ldd"
         ldd.parent.mkdir()
-        ldd.write_text("#!/bin/sh\necho 'libno.so.2 => not found'\n")
+        ldd.write_text("#!/bin/sh\ncase $* in */_native.*) echo 'libno.so.2 => not found' ;; esac\n")
         ldd.chmod(0o755)
         done = call(str(ldd.parent))
         self.assertEqual((done.returncode, done.stdout, done.stderr),
                          (1, "", "citylearn: its programs need packages of the system: "
                                  "apt-get install --no-install-recommends no-such-library2\n"))
+        # The module reads exported agents with a library that not all programs need.
+        (metadata,) = installed.glob("*.dist-info/METADATA")
+        self.assertRegex(metadata.read_text(), r"\nRequires-External: libopencv-dnn\d+\n")
+        module = installed / "citylearn" / MODULE
+        module.write_bytes(module.read_bytes().replace(b"libopencv_dnn.", b"libopencv_non."))
+        done = subprocess.run([sys.executable, "-c", "import citylearn"], env={**os.environ, "PYTHONPATH": str(installed)},
+                              cwd=self.folder, capture_output=True, text=True, check=False)
+        self.assertRegex(done.stderr, r"needs a package of the system: libopencv_non\.so.*; the command `citylearn` of the")
 
     def test_a_build_that_is_none_installs_nothing(self):
         other, cut = self.half("_native.*"), self.half("_native.*")
