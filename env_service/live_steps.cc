@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/task/action.h"
+#include "core/task/lost.h"
 
 namespace citylearn {
 
@@ -40,7 +41,7 @@ void LiveSteps::step(std::span<const std::uint8_t> actions, const msg::Belief& b
 
 void LiveSteps::stop() {
   doing_ = Doing::kNothing;
-  lost_.clear();
+  forget();
   robot_->stop();
   release();
 }
@@ -88,23 +89,37 @@ void LiveSteps::finish() {
   }
   if (!environment_.is_sent()) goal_.reset();
   environment_.set_next_goal(std::nullopt);
-  if (began || !environment_.finished().empty()) lost_.clear();  // what was believed is forgotten
+  if (began || !environment_.finished().empty()) forget();
   if (robot_->has_goal_topic()) publish_progress(began);
 }
 
 /// Returns whether the robot is lost, and says when that changes.
 bool LiveSteps::is_lost(const msg::Belief& belief) {
-  const double bound = robot_->options().max_lost, lost = belief.lost().empty() ? 0 : belief.lost().front();
-  const bool stands = lost > bound && settings_.task_mode() == msg::EVALUATE;
+  if (belief.lost().empty()) return false;
+  const double bound = robot_->options().max_lost, lost = belief.lost().front();
+  const std::uint32_t likeliest = belief.likely().front(), before = std::exchange(likeliest_, likeliest);
+  const bool stands = says_lost(before, std::exchange(believed_lost_, lost), likeliest, lost, bound) && bound < 1 &&
+                      settings_.task_mode() == msg::EVALUATE;
   if (stands == !lost_.empty()) return stands;
-  lost_ = stands ? fmt::format(
-                       "it is lost and stands: with probability {:.2f} it is not near place {}, where it is "
-                       "likeliest (--max-lost {})",
-                       lost, belief.likely().front(), bound)
-                 : "";
+  lost_ = !stands ? ""
+          : lost > bound
+              ? fmt::format(
+                    "it is lost and stands: with probability {:.2f} it is not near place {}, where it is "
+                    "likeliest (--max-lost {})",
+                    lost, likeliest, bound)
+              : fmt::format(
+                    "it was lost and stands: it took itself to be near place {} and is likeliest near {} (--max-lost "
+                    "{})",
+                    before, likeliest, bound);
   if (robot_->has_goal_topic())
     robot_->publish_status((stands ? "lost " : "driving ") + std::to_string(environment_.goal(0)));
   return stands;
+}
+
+/// Forgets what was believed.
+void LiveSteps::forget() {
+  lost_.clear();
+  believed_lost_ = 1;
 }
 
 /// Hears where the robot is sent.

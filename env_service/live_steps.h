@@ -48,6 +48,7 @@ class LiveSteps {
   void finish();
   void publish_progress(bool began);
   bool is_lost(const msg::Belief& belief);
+  void forget();
 
   Environment& environment_;
   const std::unique_ptr<Robot> robot_;
@@ -56,6 +57,8 @@ class LiveSteps {
   std::vector<std::uint8_t> actions_;  // of the step
   bool driven_ = false;                // a policy_service lets it drive
   std::string lost_;                   // says that it is; empty: it is not
+  std::uint32_t likeliest_ = 0;        // of the belief before
+  double believed_lost_ = 1;           // by it
   std::optional<int> goal_;            // to which it was sent, while no episode has begun for it
 };
 

@@ -3,6 +3,7 @@
 #include "python/module.h"
 
 #include <pthread.h>
+#include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -17,6 +18,7 @@
 #include <optional>
 
 #include "core/exchange/timing.h"
+#include "core/task/lost.h"
 #include "core/util/log_format.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/run_context.h"
@@ -294,6 +296,8 @@ void define_evaluation(py::module_& module) {
       .def_readonly("shortest_mean", &Score::shortest_mean)
       .def_readonly("reward", &Score::reward);
   py::class_<Policy>(module, "Policy").def("act", &act).def("belief", &belief_of);
+  module.def("says_lost", py::vectorize(&says_lost));
+  module.attr("MAX_LOST") = kMaxLost;
   module.def("agent_policy", &agent_policy);
   module.def("exported_policy", &exported_policy);
   module.def("control_policy", &control_policy);

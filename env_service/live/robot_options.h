@@ -4,6 +4,7 @@
 #include <string>
 
 #include "core/ros2/participant.h"
+#include "core/task/lost.h"
 
 namespace CLI {
 class App;
@@ -37,8 +38,7 @@ struct RobotOptions {
   double settle = 0.1;  ///< --settle, seconds: what the camera took this long after the robot stopped is sharp
   double off_route =
       0;  ///< --off-route, metres from the nearest place: farther away it stands; 0: ten places' distance
-  double max_lost =
-      0.7;  ///< --max-lost, probability of being lost (Belief.lost) above which it stands; 1: it never does
+  double max_lost = kMaxLost;  ///< --max-lost, the `bound` of says_lost(): when it says so it stands; 1: it never does
 };
 
 /// Adds the options of RobotTopics and those of ROS 2's side.

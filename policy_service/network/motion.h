@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
+
 #include "core/plugin/registry.h"
 #include "core/task/action.h"
 #include "policy_service/network/network_inputs.h"
@@ -9,6 +11,9 @@ namespace citylearn {
 
 /// What is less likely than this is never the case. Logarithms of floats reach a little further.
 constexpr float kImpossible = 1e-30f;
+/// Probability, a step, of a kidnapping that an agent reckons with at least where it learns how often actions slip.
+/// Without it nothing would be believed after a leap that is impossible.
+constexpr double kLeastKidnap = 1e-6;
 
 /// Moves a belief b over the N places of a route by an action, in a world that may be imperfect
 /// (docs/how-to/try-an-imperfect-world.md). A is the action's transition matrix in a perfect world:
@@ -27,9 +32,16 @@ class Motion {
 
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
-  void set_slip(S slip) { slip_ = slip; }
+  void set(S slip, S kidnap) {
+    slip_ = slip;
+    kidnap_ = kidnap;
+  }
   S slip() const { return slip_; }
   S kidnap() const { return kidnap_; }
+  /// Returns t, by which evidence is tempered, one step later: steps since the episode's start where nobody is
+  /// kidnapped. Else it stays below 1 / sqrt(k), because what was seen before a kidnapping says nothing of the place
+  /// after it.
+  S later(S t) const { return (t + 1) * (kidnap_ > S(kLeastKidnap) ? 1 - std::sqrt(kidnap_) : S(1)); }
 
   /// to = A from, with `nothing` at the place that nothing moves to.
   template <class From, class To>

@@ -137,7 +137,7 @@ void SparseFilter<S>::move(SparseStep<S>& step, int frames, bool everywhere) {
   for (const int place : step.places) slots_[static_cast<std::size_t>(place)] = -1;
   const S elsewhere = step.first ? S(1) : 1 - step.kept + step.kept * step.before->elsewhere;
   step.even = ((1 - kidnap) * elsewhere + kidnap) / static_cast<S>(frames);
-  step.after.steps = step.kept < 1 ? S(0) : step.before->steps + 1;
+  step.after.steps = step.kept < 1 ? S(0) : motion_.later(step.before->steps);
   step.after.doubt = step.first ? S(0) : step.before->doubt;
   array_of(step.prior) += step.even;
   if (!everywhere) return;

@@ -19,7 +19,7 @@ struct SparseBelief {
   std::vector<int> places;  ///< active ones, in no order
   std::vector<S> shares;    ///< probability of each
   S elsewhere = 1;          ///< probability of all other places together
-  S steps = 0;              ///< since the episode's start, or since the agent was lost
+  S steps = 0;              ///< since the episode's start, or since the agent was lost, as Motion counts them
   S doubt = 0;              ///< see SparseFilter
 
   /// Writes it to kStateSize numbers.
@@ -64,7 +64,7 @@ class SparseFilter {
   /// `keys` are compact and outlive it.
   SparseFilter(const PlaceKeys<S>& keys, const Motion<S>& motion) : keys_(keys), motion_(motion) {}
 
-  void set_slip(S slip) { motion_.set_slip(slip); }
+  void set_motion(S slip, S kidnap) { motion_.set(slip, kidnap); }
   /// Fills the steps of several agents, on the route's first `frames` places. What is seen weighs
   /// exp(evidence / (1 + tempering * steps) * similarity).
   void advance(const Matrix<S>& features, int frames, S evidence, S tempering, std::span<SparseStep<S>> steps);

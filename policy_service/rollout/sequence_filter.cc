@@ -83,7 +83,7 @@ class SequenceFilter : public Policy {
 
   struct Agent {
     Vector<double> belief;  ///< N; empty where it is sparse
-    int steps = 0;          ///< of its episode
+    double steps = 0;       ///< of its episode, as Motion counts them
     SparseBelief<float> sparse = {};
   };
 
@@ -136,8 +136,9 @@ class SequenceFilter : public Policy {
     } else {
       before_ = agent.belief;
       motion_.move_scores(previous, before_, agent.belief, kNever);
+      agent.steps = motion_.later(agent.steps);
     }
-    agent.belief += evidence_ / (1 + tempering_ * agent.steps++) * similarity_.col(column).cast<double>();
+    agent.belief += evidence_ / (1 + tempering_ * agent.steps) * similarity_.col(column).cast<double>();
     exclude(goal, task_.frames, allowed, kExclusion, agent.belief);
     odds_ = (agent.belief.array() - agent.belief.maxCoeff()).exp();
     return heavier_side(goal, previous, allowed);

@@ -43,17 +43,27 @@ class ActingPolicy:
             raise ValueError("baseline sees positions, which observations do not have; use another policy")
         make = _native.agent_policy if isinstance(policy, _native.Agent) else _native.exported_policy
         self._acting, self._first_frame = make(policy, seed_of(seed)), policy.first_frame
+        self._steps, self._believed, self._belief = 0, -2, None
 
     def __call__(self, observations: dict[str, np.ndarray], starts: np.ndarray) -> np.ndarray:
         columns = (observations[name] for name in ("features", "goal", "previous_action", "action_mask"))
+        self._steps, self._starts = self._steps + 1, np.array(starts, bool)
         return self._acting.act(*columns, starts, self._first_frame)
 
     def belief(self) -> dict[str, np.ndarray] | None:
         """Returns where the agents believed to stand when they acted last: `places` (B, 8), the likeliest first, with
-        their `probabilities`, `entropy` (B,) of the whole belief in bits, and `lost` (B,), the probability that an agent
-        is not within one place of its likeliest one. None of a policy that has no belief, and of an exported one."""
-        belief = self._acting.belief(self._first_frame)
-        return belief and dict(zip(("places", "probabilities", "entropy", "lost"), belief))
+        their `probabilities`, `entropy` (B,) of the whole belief in bits, `lost` (B,), the probability that an agent is not
+        within one place of its likeliest one, and `says_lost`, bool (B,): that is above .7, or the agent was sure of
+        another place a step ago, where this was asked then. None of a policy that has no belief, and of an exported
+        one."""
+        if self._believed != self._steps and (columns := self._acting.belief(self._first_frame)):
+            belief = dict(zip(("places", "probabilities", "entropy", "lost"), columns))
+            goes_on = self._believed == self._steps - 1 and self._belief
+            before, lost = (self._belief["places"][:, 0], self._belief["lost"]) if goes_on else (belief["places"][:, 0], 1)
+            belief["says_lost"] = _native.says_lost(before, np.where(self._starts, 1, lost), belief["places"][:, 0],
+                                                    belief["lost"], _native.MAX_LOST)
+            self._belief, self._believed = belief, self._steps
+        return self._belief
 
 
 @none_is_default

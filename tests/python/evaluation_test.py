@@ -126,36 +126,56 @@ class Evaluation(unittest.TestCase):
         with self.assertRaisesRegex(TypeError, "must be what load_policy.. returns, is str"):
             citylearn.ActingPolicy("best.clk")
 
-    def test_a_filter_that_knows_slips_is_as_sure_as_it_may_be(self):
-        """Trained in the drawn city's summer, in fall: the expected calibration error over 15 bins."""
-        world = {"synthetic_images": 0, "slip": 0.1}
+    def test_a_filter_is_as_sure_as_it_may_be_and_says_when_it_is_lost(self):
+        """Learned slips and kidnappings in the drawn city's summer, acts in fall: the expected calibration error over 15
+        bins; 'lost' within 10 steps of a kidnapping, and where none was near and it is right."""
+        world = {"synthetic_images": 0, "slip": 0.1, "kidnappings": 1}
         with tempfile.TemporaryDirectory(prefix="citylearn-") as folder:
             summer = subprocess.Popen([BUILD / "env_service/env_service", *WHERE, "--synthetic-images=0", "--slip=0.1",
-                                       "--traversal=summer", "--linger=0"])
+                                       "--kidnappings=1", "--traversal=summer", "--linger=0"])
             try:
                 subprocess.run([BUILD / "policy_service/policy_service", *WHERE, "--agent=place_filter",
-                                "--place_filter-slip=0.1", "--train=summer-slip0.1", "--steps=20000", "--frames=0:128",
-                                "--tasks=50", "--wait=60", f"--output={folder}"],
+                                "--train=summer-slip0.1-kidnap1", "--steps=80000", "--frames=0:128", "--tasks=50",
+                                "--wait=60", f"--output={folder}"],
                                check=True, stdout=subprocess.DEVNULL, timeout=200)
             finally:
                 summer.terminate()
                 summer.wait()
-            acting = citylearn.ActingPolicy(citylearn.load_policy(Path(folder, "checkpoints/best.clk")))
+            acting = citylearn.ActingPolicy(citylearn.load_policy(next(Path(folder, "checkpoints").glob("checkpoint-*.clk"))))
         env = citylearn.VectorEnv(num_envs=64, traversal="fall", autoreset_mode=citylearn.AutoresetMode.SAME_STEP, **world)
         observations, infos = env.reset(seed=1001)
-        stated, right, starts = [], [], np.ones(64, bool)
+        beliefs, positions, first, starts = [], [], [], np.ones(64, bool)
         for _ in range(400):
             actions = acting(observations, starts)
-            belief = acting.belief()
-            stated.append(1 - belief["lost"])
-            right.append(np.abs(belief["places"][:, 0] - infos["position"]) <= 1)
+            beliefs.append(acting.belief())
+            positions.append(infos["position"])
+            first.append(starts)
             observations, _, terminations, truncations, infos = env.step(actions)
             starts = terminations | truncations
-        stated, right = np.concatenate(stated), np.concatenate(right)
+        stated, said, positions, first = map(np.array, ([1 - one["lost"] for one in beliefs],
+                                                        [one["says_lost"] for one in beliefs], positions, first))
+        right = np.abs([one["places"][:, 0] for one in beliefs] - positions) <= 1
+        self.assertGreater(right.mean(), 0.9)
+        self.expect_said(said, right, first, np.diff(positions, axis=0, prepend=positions[:1]))
+        stated, right = stated.ravel(), right.ravel()
         bins = np.minimum((15 * stated).astype(int), 14)
         error = sum(abs((stated - right)[bins == each].sum()) for each in range(15)) / len(stated)
         self.assertLess(error, 0.03)
-        self.assertGreater(right.mean(), 0.9)
+        surer = np.argsort(-stated, kind="stable")[:len(stated) // 2]
+        self.assertLessEqual(1 - right[surer].mean(), 0.001)
+
+    def expect_said(self, said, right, first, moved):
+        """All (steps, agents). Kidnappings count where ten steps of the episode follow without another."""
+        kidnapped = (np.abs(moved) > 2) & ~first
+        noticed, near = [], np.zeros_like(first)
+        for step, agent in np.argwhere(kidnapped):
+            after = slice(step, step + 10)
+            near[after, agent] = True
+            if step + 10 <= len(said) and not (first | kidnapped)[step + 1:step + 10, agent].any():
+                noticed.append(said[after, agent].any())
+        self.assertGreater(len(noticed), 200)
+        self.assertGreaterEqual(np.mean(noticed), 0.95)
+        self.assertLess((said & right & ~near).mean(), 0.005)
 
     def test_the_documentation_names_what_there_is(self):
         controls = {"shuffled", "all", *citylearn._options._native.controls()}

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/network/agents/place_filter.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -13,13 +14,19 @@ namespace {
 
 using namespace place_filter;
 
+Motion<float> motion_of(AgentGraph& graph, const Parameters& parameters) {
+  Motion<float> motion = told_motion<float>(parameters);
+  const auto learned = [&](const char* tensor) { return learned_probability(graph.tensor(tensor)(0)); };
+  if (learns_slip(parameters)) motion.set(learned("filter.slip"), motion.kidnap());
+  if (learns_kidnap(parameters)) motion.set(motion.slip(), std::max(learned("filter.kidnap"), motion.kidnap()));
+  return motion;
+}
+
 /// Returns the scores `before` (batch x N) after the previous action, as Motion does.
-OnnxValue moved_scores(AgentGraph& graph, const Parameters& parameters, const OnnxValue& before) {
+OnnxValue moved_scores(AgentGraph& graph, const Motion<float>& motion, const OnnxValue& before) {
   const std::ptrdiff_t places = graph.agent().task.frames;
-  const float kidnap = static_cast<float>(kidnap_of(parameters));
-  const float slip = parameters["slip"] < 0 ? static_cast<float>(learned_slip(graph.tensor("filter.slip")(0)))
-                                            : static_cast<float>(parameters["slip"]);
-  const bool exact = slip == 0 && kidnap == 0;
+  const float slip = motion.slip(), kidnap = motion.kidnap();
+  const bool exact = motion.exact();
   const OnnxValue from = exact ? before : softmax(before), previous = graph.previous_action();
   const OnnxValue nothing = 0 * graph.columns(from, 0, 1) + (exact ? kNever : 0);
   const auto done = [&](int action, const OnnxValue& where) {
@@ -63,7 +70,8 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
 
   // Scores, moved by the previous action; all alike at an episode's start.
   const OnnxValue state = graph->state(), before = graph->columns(state, 0, places);
-  const OnnxValue moved = moved_scores(*graph, parameters, before);
+  const Motion<float> motion = motion_of(*graph, parameters);
+  const OnnxValue moved = moved_scores(*graph, motion, before);
 
   // What is seen, and what is excluded: linear in what is allowed (places x actions: 1 = excluded where it is allowed).
   Matrix<float> excluded = Matrix<float>::Zero(places, kActions);
@@ -77,7 +85,7 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
   only(0, kPrevious);
   only(places - 1, kNext);
   const PlacesByGoal by_goal = places_by_goal(*graph);
-  const OnnxValue step = graph->columns(state, places, places + 1) - graph->first() + 1;
+  const OnnxValue step = motion.later(0) * (graph->columns(state, places, places + 1) - graph->first() + 1);
   const OnnxValue tempered = exp(-1 * log(scalar(kTempering) * step + 1));
   const OnnxValue similarity = place_similarity(*graph);
   const OnnxValue scores = moved + scalar(kEvidence) * graph->stretched(tempered, places) * similarity +

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "core/task/moves.h"
 #include "policy_service/network/agents/sparse_pass.h"
@@ -45,8 +46,9 @@ using namespace place_filter;
 /// network: Karkus, Hsu & Lee, 2017), on a route of any length. s, h, g, u and d are learned too. The state is l,
 /// then t.
 ///
-/// How often actions slip is learned unless it is told: the likeliest by where actions led in training, where each
-/// step's place is known (add_model_gradient()). No reward has a say in it, so it is an estimate of the world.
+/// How often actions slip, and agents are kidnapped, is learned unless it is told: the likeliest by where actions led
+/// in training, where each step's place is known (add_model_gradient()). No reward has a say in it, so it is an
+/// estimate of the world.
 template <class S>
 class PlaceFilter : public AgentNetwork<S> {
  public:
@@ -57,11 +59,11 @@ class PlaceFilter : public AgentNetwork<S> {
         mirror_(mirrored_inputs(inputs_)),
         sparse_(task.frames >= task.sparse_from),
         keys_(task.reference, task.features, task.frames, sparse_),
-        motion_(parameters["slip"], kidnap_of(parameters)) {
+        motion_(told_motion<S>(parameters)) {
     log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
-    learns_slip_ = parameters["slip"] < 0;
     scalars_ = layout_.add("filter.scalars", kScalars, 1);
-    if (learns_slip_) slip_ = layout_.add("filter.slip", 1, 1);
+    if (learns_slip(parameters)) slip_ = layout_.add("filter.slip", 1, 1);
+    if (learns_kidnap(parameters)) kidnap_ = layout_.add("filter.kidnap", 1, 1);
     weights1_ = layout_.add("head.1.weight", units_, inputs_);
     bias1_ = layout_.add("head.1.bias", units_, 1);
     weights2_ = layout_.add("head.2.weight", units_, units_);
@@ -73,7 +75,8 @@ class PlaceFilter : public AgentNetwork<S> {
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = Motion<S>::parameters();
     specs[0].help += "; -1: learned";
-    specs[0].default_value = specs[0].minimum = -1;
+    specs[1].help += "; -1: learned where slips are, else 0";
+    for (ParameterSpec& spec : specs) spec.default_value = spec.minimum = -1;
     specs.push_back({"units", "units of each of the head's two layers", 64, 1, 4096, true});
     return specs;
   }
@@ -100,8 +103,11 @@ class PlaceFilter : public AgentNetwork<S> {
     begin_with(kNearness, 0.6);
     begin_with(kTurning, 0.3);
     begin_with(kDirectness, 2);
-    if (learns_slip_)
-      layout_.view(parameters, slip_)(0) = static_cast<S>(std::log(kFirstSlip / (1 - kFirstSlip)) / kStretch);
+    const auto first_guess = [&](std::optional<std::size_t> tensor, double p) {
+      if (tensor) layout_.view(parameters, *tensor)(0) = static_cast<S>(std::log(p / (1 - p)) / kStretch);
+    };
+    first_guess(slip_, kFirstSlip);
+    first_guess(kidnap_, kFirstKidnap);
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights1_));
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights2_));
     orthogonal<S>(random, 1, layout_.view(parameters, weights3_));
@@ -115,7 +121,8 @@ class PlaceFilter : public AgentNetwork<S> {
     const Scalars s = scalars(parameters);
     work.head_input.setZero(inputs_, 2 * columns);
     if (sparse_) {
-      if (learns_slip_) work.sparse.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
+      const Motion<S> motion = motion_by(parameters);
+      work.sparse.set_motion(motion.slip(), motion.kidnap());
       work.sparse.forward(inputs, state, s, work.head_input, work.state);
     } else {
       filter(parameters, inputs, state, s, work);
@@ -241,11 +248,11 @@ class PlaceFilter : public AgentNetwork<S> {
 
   void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,
                           Vector<S>& gradient) const override {
-    if (!learns_slip_) return;
-    const S p = learned_slip(layout_.view(parameters, slip_)(0)), kidnap = motion_.kidnap();
-    const S anywhere = kidnap / static_cast<S>(inputs.frames);
+    if (!slip_) return;
+    const Motion<S> motion = motion_by(parameters);
+    const S p = motion.slip(), kidnap = motion.kidnap(), anywhere = 1 / static_cast<S>(inputs.frames);
     const std::size_t agents = static_cast<std::size_t>(inputs.agents), columns = inputs.goal.size();
-    S by_slip = 0;  // of the sum of -log P(where an action led)
+    S by_slip = 0, by_kidnap = 0;  // of the sum of -log P(where an action led)
     for (std::size_t column = agents; column < columns; ++column) {
       if (inputs.first[column]) continue;
       const int here = inputs.position[column - agents], goal = inputs.goal[column - agents];
@@ -256,14 +263,22 @@ class PlaceFilter : public AgentNetwork<S> {
       if (leads(1, goal) + leads(2, goal) > 0) continue;
       const int there = inputs.position[column];
       const S once = leads(1, there), slipped = (leads(0, there) + leads(2, there)) / 2;
-      const S likelihood = (1 - kidnap) * ((1 - p) * once + p * slipped) + anywhere;
-      if (likelihood > 0) by_slip += (1 - kidnap) * (once - slipped) / likelihood;
+      const S walked = (1 - p) * once + p * slipped, likelihood = (1 - kidnap) * walked + kidnap * anywhere;
+      if (!(likelihood > 0)) continue;
+      by_slip += (1 - kidnap) * (once - slipped) / likelihood;
+      by_kidnap += (walked - anywhere) / likelihood;
     }
-    layout_.view(gradient, slip_)(0) += static_cast<S>(kStretch) * p * (1 - p) * by_slip / static_cast<S>(columns);
+    const auto learn = [&](std::optional<std::size_t> tensor, S value, S by) {
+      if (!tensor) return;
+      layout_.view(gradient, *tensor)(0) +=
+          static_cast<S>(kStretch) * value * (1 - value) * by / static_cast<S>(columns);
+    };
+    learn(slip_, p, by_slip);
+    learn(kidnap_, kidnap, by_kidnap);
   }
 
  private:
-  static constexpr double kFirstSlip = 0.01;  // before anything is experienced
+  static constexpr double kFirstSlip = 0.01, kFirstKidnap = 1e-4;  // before anything is experienced
   struct Way {
     int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
     std::uint8_t action;
@@ -302,7 +317,8 @@ class PlaceFilter : public AgentNetwork<S> {
               Work& work) const {
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
     for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
-    if (learns_slip_) work.motion.set_slip(learned_slip(layout_.view(parameters, slip_)(0)));
+    const Motion<S> motion = motion_by(parameters);
+    work.motion.set(motion.slip(), motion.kidnap());
     const bool exact = work.motion.exact();
     if (!exact) work.moved.setOnes(places_, columns);
     work.step.resize(columns);
@@ -319,13 +335,13 @@ class PlaceFilter : public AgentNetwork<S> {
         work.step(column) = 0;
       } else if (column < agents) {
         work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
-        work.step(column) = state(places_, column) + 1;
+        work.step(column) = motion.later(state(places_, column));
       } else {
         if (exact)
           work.motion.shift(previous, work.score.col(column - agents), score, kNever);
         else
           work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
-        work.step(column) = work.step(column - agents) + 1;
+        work.step(column) = motion.later(work.step(column - agents));
       }
       if (!exact && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
       score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
@@ -346,6 +362,12 @@ class PlaceFilter : public AgentNetwork<S> {
     work.state.resize(places_ + 1, agents);
     work.state.topRows(places_) = work.score.rightCols(agents);
     work.state.bottomRows(1) = work.step.tail(agents).transpose();
+  }
+  Motion<S> motion_by(const Vector<S>& parameters) const {
+    const auto value = [&](std::optional<std::size_t> tensor, S told) {
+      return tensor ? learned_probability(layout_.view(parameters, *tensor)(0)) : told;
+    };
+    return {value(slip_, motion_.slip()), std::max(value(kidnap_, 0), motion_.kidnap())};
   }
   Scalars scalars(const Vector<S>& parameters) const {
     const auto stored = layout_.view(parameters, scalars_);
@@ -373,8 +395,7 @@ class PlaceFilter : public AgentNetwork<S> {
   Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
   Motion<S> motion_;
   TensorLayout layout_;
-  bool learns_slip_ = false;
-  std::size_t slip_ = 0;  ///< where it is learned
+  std::optional<std::size_t> slip_, kidnap_;  ///< tensors of what is learned
   std::size_t scalars_, weights1_, bias1_, weights2_, bias2_, weights3_, bias3_;
 };
 

@@ -10,6 +10,7 @@
 #include "core/plugin/registry.h"
 #include "core/task/action.h"
 #include "policy_service/network/layers.h"
+#include "policy_service/network/motion.h"
 
 namespace citylearn {
 
@@ -35,17 +36,20 @@ struct Scalars {
   }
 };
 
-/// Returns the probability of a slip from the tensor filter.slip, where it is learned.
+/// Returns the probability that a learned tensor, filter.slip or filter.kidnap, holds.
 template <class S>
-S learned_slip(S stored) {
+S learned_probability(S stored) {
   return 1 / (1 + std::exp(-static_cast<S>(kStretch) * stored));
 }
 
-/// Returns the probability of a kidnapping. Where slips are learned none counts as impossible, because after a leap
-/// that is impossible nothing is believed any more. This little changes no belief where nobody is kidnapped.
-inline double kidnap_of(const Parameters& parameters) {
-  constexpr double kLeast = 1e-6;
-  return parameters["slip"] < 0 ? std::max(parameters["kidnap"], kLeast) : parameters["kidnap"];
+inline bool learns_slip(const Parameters& parameters) { return parameters["slip"] < 0; }
+inline bool learns_kidnap(const Parameters& parameters) { return learns_slip(parameters) && parameters["kidnap"] < 0; }
+
+/// Returns the motion that the parameters tell of; what is learned is that of nobody who ever slips or is kidnapped.
+template <class S>
+Motion<S> told_motion(const Parameters& parameters) {
+  const double least = learns_slip(parameters) ? kLeastKidnap : 0;
+  return {std::max(parameters["slip"], 0.0), std::max(parameters["kidnap"], least)};
 }
 
 /// Inputs of the head: 2 S(before), 2 S(after), masses by distance before and after the goal, these.

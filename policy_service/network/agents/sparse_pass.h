@@ -13,7 +13,7 @@ template <class S>
 class SparsePass {
  public:
   SparsePass(const PlaceKeys<S>& keys, const Motion<S>& motion) : filter_(keys, motion) {}
-  void set_slip(S slip) { filter_.set_slip(slip); }
+  void set_motion(S slip, S kidnap) { filter_.set_motion(slip, kidnap); }
 
   /// Sets the inputs that depend on beliefs, and the state after the last step. `state` is that before the first.
   void forward(const NetworkInputs<S>& inputs, const Matrix<S>& state, const Scalars<S>& s, Matrix<S>& head_input,

@@ -369,9 +369,9 @@ class SentToGoals : public RobotTest {
     EXPECT_TRUE(poll_until(done, milliseconds(5000)));
   }
   /// `lost`: the probability of it, as the agent believes.
-  void step(std::uint8_t action, float lost = 0) {
+  void step(std::uint8_t action, float lost = 0, std::uint32_t likeliest = 3) {
     msg::Belief belief;
-    belief.likely() = {3, 4, 5, 6, 7, 8, 9, 0};
+    belief.likely() = {likeliest, 4, 5, 6, 7, 8, 9, 0};
     belief.lost() = {lost};
     steps_->step(std::span(&action, 1), belief);
   }
@@ -431,6 +431,19 @@ TEST_F(SentToGoals, StandsWhileItIsLost) {
   advance(6);
   EXPECT_EQ(commands().front(), 100);
   EXPECT_EQ(said(), (std::vector<std::string>{"driving 6", "arrived 6", "waiting"}));
+  send_goal(kMetres * 8);
+  step(kNext, 0, 8);  // what was believed in the last episode is forgotten
+  advance(6);
+  step(kNext, 0, 5);
+  EXPECT_EQ(steps_->trouble(Clock::now()), "") << "a slip leads there";
+  advance(6);
+  step(kNext, 0.5f, 1);
+  EXPECT_EQ(steps_->trouble(Clock::now()),
+            "it was lost and stands: it took itself to be near place 5 and is likeliest near 1 (--max-lost 0.7)");
+  advance(6);
+  step(kNext, 0.5f, 1);
+  EXPECT_EQ(steps_->trouble(Clock::now()), "");
+  advance(8);
   tasks_.task_mode() = msg::TRAIN;
   steps_->reset(tasks_);
   send_goal(kMetres * 8);

@@ -339,18 +339,20 @@ TEST_P(EachNetwork, LearnsTheSmallCity) {
   ASSERT_TRUE(loop.trainer.progress().episodes_to_spl95 || GetParam() != "baseline");
 }
 
-TEST(PlaceFilter, LearnsHowOftenActionsSlip) {
+TEST(PlaceFilter, LearnsHowOftenActionsSlipAndAgentsAreKidnapped) {
   const Traversal city = small_city();
-  for (const double slip : {0.0, 0.1, 0.3}) {
+  for (const auto& [slip, kidnappings] : {std::pair(0.0, 0), {0.1, 0}, {0.3, 0}, {0.1, 1}}) {
     TrainerOptions options = small_options("place_filter");
     options.learner_parameters = {{"learning-rate", 6e-3}, {"minibatch", 8}};
     options.trainer_parameters = {{"segment", 32}, {"sequence", 16}, {"steps", 80000}};
-    Loop loop(city, options, 1, 16, {.slip = slip});
+    Loop loop(city, options, 1, 16, {.slip = slip, .kidnappings = kidnappings});
     while (!loop.trainer.done()) loop.update();
     const TrainedAgent agent = loop.trainer.agent();
-    ASSERT_EQ(agent.network->tensors().at(1).name, "filter.slip");
-    const double learned = 1 / (1 + std::exp(-3 * static_cast<double>(agent.parameters(5))));
-    EXPECT_NEAR(learned, slip, 0.02);
+    ASSERT_EQ(agent.network->tensors().at(1).name + agent.network->tensors().at(2).name, "filter.slipfilter.kidnap");
+    const auto learned = [&](int parameter) { return 1 / (1 + std::exp(-3 * double{agent.parameters(parameter)})); };
+    EXPECT_NEAR(learned(5), slip, 0.02);
+    const double rate = kidnappings / loop.trainer.progress().episode_length;  // of the last 100 episodes
+    EXPECT_NEAR(learned(6), rate, rate / 3 + 1e-4);
   }
 }
 

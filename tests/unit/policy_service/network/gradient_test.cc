@@ -106,19 +106,20 @@ INSTANTIATE_TEST_SUITE_P(Networks, Gradients,
                                            Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),
                          [](const auto& tested) { return tested.param.network + std::to_string(tested.index); });
 
-/// Told .2 as a first guess; its loss is the mean over all columns of -log P(where an action led).
-TEST(PlaceFilter, LearnsFromWhereActionsLedHowOftenTheySlip) {
+/// Told .2 and .1 as first guesses; its loss is the mean over all columns of -log P(where an action led).
+TEST(PlaceFilter, LearnsFromWhereActionsLedHowOftenTheySlipAndAgentsAreKidnapped) {
   const NetworkTask task = small_task(5);
   const auto& entry = NetworkRegistry<double>::instance().find("network", "place_filter");
   const auto network = entry.create(Parameters(entry.name, entry.parameters, {{"units", 5}}), task);
-  const auto slip = std::find_if(network->tensors().begin(), network->tensors().end(),
-                                 [](const Tensor& tensor) { return tensor.name == "filter.slip"; });
-  ASSERT_NE(slip, network->tensors().end());
+  const Tensor &slip = network->tensors().at(1), &kidnap = network->tensors().at(2);
+  ASSERT_EQ(slip.name + " " + kidnap.name, "filter.slip filter.kidnap");
   Vector<double> parameters = Vector<double>::Zero(network->parameter_count());
-  parameters(slip->offset) = std::log(0.2 / 0.8) / 3;
+  parameters(slip.offset) = std::log(0.2 / 0.8) / 3;
+  parameters(kidnap.offset) = std::log(0.1 / 0.9) / 3;
   // By `next` from 2 with the goal 0: once, never, twice, once. From 5, before the end: to 6. From 3 with the goal 4,
-  // where only slips are seen: never.
-  const std::vector<std::array<int, 3>> walk = {{2, 3, 0}, {2, 2, 0}, {2, 4, 0}, {2, 3, 0}, {5, 6, 0}, {3, 3, 4}};
+  // where only slips are seen: never. From 2 to 5, where no step leads.
+  const std::vector<std::array<int, 3>> walk = {{2, 3, 0}, {2, 2, 0}, {2, 4, 0}, {2, 3, 0},
+                                                {5, 6, 0}, {3, 3, 4}, {2, 5, 0}};
   NetworkInputs<double> inputs;
   inputs.resize(task.features, 2, static_cast<int>(walk.size()));
   inputs.frames = kFrames;
@@ -132,10 +133,16 @@ TEST(PlaceFilter, LearnsFromWhereActionsLedHowOftenTheySlip) {
     }
   Vector<double> gradient = Vector<double>::Zero(parameters.size());
   network->add_model_gradient(parameters, inputs, gradient);
-  // Of -log(1 - p): 1 / .8; of -log(p / 2): -1 / .2; at the end of -log(1 - p / 2): .5 / .9.
-  const double by_slip = 2 / 0.8 - 2 / 0.2 + 0.5 / 0.9;
-  EXPECT_NEAR(gradient(slip->offset), 3 * 0.2 * 0.8 * by_slip / 12, 1e-5);  // a kidnapping is one in a million
-  gradient(slip->offset) = 0;
+  // P = .9 W + .1 / N; W: once 1 - p, never and twice p / 2 each, at the end 1 - p / 2, and 0 where no step leads.
+  constexpr double kAnywhere = 1.0 / kFrames;
+  const double once = 0.9 * 0.8 + 0.1 * kAnywhere, slipped = 0.9 * 0.1 + 0.1 * kAnywhere,
+               end = 0.9 * 0.9 + 0.1 * kAnywhere, leapt = 0.1 * kAnywhere;
+  const double by_slip = 0.9 * (2 / once - 2 * 0.5 / slipped + 0.5 / end);
+  const double by_kidnap =
+      2 * (0.8 - kAnywhere) / once + 2 * (0.1 - kAnywhere) / slipped + (0.9 - kAnywhere) / end - kAnywhere / leapt;
+  EXPECT_NEAR(gradient(slip.offset), 3 * 0.2 * 0.8 * by_slip / 14, 1e-12);
+  EXPECT_NEAR(gradient(kidnap.offset), 3 * 0.1 * 0.9 * by_kidnap / 14, 1e-12);
+  gradient(slip.offset) = gradient(kidnap.offset) = 0;
   EXPECT_EQ(gradient.norm(), 0);
 }
 
