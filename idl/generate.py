@@ -38,11 +38,6 @@ class Struct:
         self.name, self.profile, self.addressing, self.log = name, profile, addressing, log
         self.fields, self.checks, self.metrics = {}, [], []
 
-    def entry(self, name, profile):
-        """The entry of the list of messages for this struct under a name."""
-        topic = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
-        return f'  X({name}, "citylearn/{topic}", k{profile.title()}, {self.enumerator()}) \\'
-
     def enumerator(self):
         """The enumerator of Addressing (core/wire/messages.h)."""
         note, argument = self.addressing
@@ -149,6 +144,23 @@ class Idl:
             else:
                 raise ValueError(f"unknown annotation, or one that does not fit '{code}': //@{note}")
 
+    def objects(self):
+        return [struct for struct in self.structs.values() if struct.profile == "object"]
+
+    def kinds(self):
+        """Returns name and struct of the messages that are sent under other names than their struct's."""
+        logs = [struct for struct in self.structs.values() if struct.log]
+        return [(f"{kind.name.removesuffix('Stat')}{role.profile.title()}", role)
+                for role in self.structs.values() if role.profile in ROLES
+                for kind in (logs if role.profile == "acknowledgement" else self.objects())]
+
+    def topics(self):
+        """Returns name, struct, topic and profile of each message."""
+        named = [(s.name, s, s.profile) for s in self.structs.values() if s.profile in PROFILES]
+        named += [(name, role, ROLES[role.profile]) for name, role in self.kinds()]
+        return [(name, struct, "citylearn/" + re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower(), profile)
+                for name, struct, profile in named]
+
     def cpp(self, type_):
         """Returns the C++ type of a field, and whether it is a number or an enum."""
         if found := re.fullmatch(r"string<(\d+)>", type_):
@@ -198,9 +210,15 @@ def header_of(idl_file):
 
 
 def write(path, *lines):
+    """Writes a header, unless it has this text already, so that nothing is built again."""
     os.makedirs(os.path.dirname(path), exist_ok=True)
+    text = "\n".join(["// Made by idl/generate.py.", "#pragma once", *lines, ""])
+    if os.path.exists(path):
+        with open(path, encoding="utf-8") as file:
+            if file.read() == text:
+                return
     with open(path, "w", encoding="utf-8") as file:
-        file.write("\n".join(["// Made by idl/generate.py.", "#pragma once", *lines, ""]))
+        file.write(text)
 
 
 def main(folder, *paths):
@@ -208,11 +226,7 @@ def main(folder, *paths):
     for path in paths:
         idl.read(path)
     structs = idl.structs.values()
-    objects = [s for s in structs if s.profile == "object"]
-    roles = [s for s in structs if s.profile in ROLES]
-    logs = [s for s in structs if s.log]
-    kinds = [(f"{kind.name.removesuffix('Stat')}{role.profile.title()}", role) for role in roles
-             for kind in (logs if role.profile == "acknowledgement" else objects)]
+    objects, kinds = idl.objects(), idl.kinds()
     write(f"{folder}/idl/forward.h", "#include <cstdint>", "namespace citylearn::msg {",
           *(f"class {name};" for name in [*(s.name for s in structs), *(name for name, _ in kinds)]), *(f"enum {name} : std::uint32_t;" for name in idl.enums), "}")
     functions = []
@@ -239,8 +253,8 @@ def main(folder, *paths):
     write(f"{folder}/idl/message_fields.h", "#include <concepts>", "#include <string>", "#include <type_traits>",
           '#include "idl/objects.h"', "namespace citylearn::msg {", *functions, "}",
           "#define CITYLEARN_OBJECTS(X) \\", *(f"  X({kind.name}) \\" for kind in objects), "",
-          "#define CITYLEARN_MESSAGES(X) \\", *(s.entry(s.name, s.profile) for s in structs if s.profile in PROFILES),
-          *(role.entry(name, ROLES[role.profile]) for name, role in kinds), "")
+          "#define CITYLEARN_MESSAGES(X) \\", *(f'  X({name}, "{topic}", k{profile.title()}, {struct.enumerator()}) \\'
+                                            for name, struct, topic, profile in idl.topics()), "")
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ def libraries(module):
     return set(re.findall(r"^([^:,\s]+)", found.stdout, re.MULTILINE))
 
 
-def programs(build, info):
+def programs(build):
     """Returns the files of the wheel that come from a build's Debian packages, and the packages that it depends on."""
     files, needed = {}, set()
     packages = [next(build.glob(f"packages/citylearn-{part}_*.deb"), None) for part in ("services", "dashboard")]
@@ -74,35 +74,42 @@ def programs(build, info):
                     if path.is_file():
                         files[f"citylearn/installed/{path.relative_to(Path(folder, 'usr'))}"] = path.read_bytes()
     needed |= libraries(build / "python/citylearn" / MODULE)
-    files[info.replace(".dist-info", ".data/scripts/citylearn")] = (HERE / "citylearn_command.py").read_bytes()
+    files["{data}/scripts/citylearn"] = (HERE / "citylearn_command.py").read_bytes()
     return files, needed
 
 
-def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
+def write_wheel(folder, name, tag, files, *fields):
+    """Writes a wheel of these files by path, with more fields of its metadata. Returns its file name."""
     version = re.search(r"project\(citylearn VERSION (\S+)", (SOURCE / "CMakeLists.txt").read_text())[1]
-    tag = "cp{0.major}{0.minor}-cp{0.major}{0.minor}-".format(sys.version_info)
-    tag += re.sub(r"[-.]", "_", sysconfig.get_platform())
-    info = f"citylearn_dds-{version}.dist-info"
-    package = built_package()
-    files, needed = programs(package.parents[1], info)
-    files |= {f"citylearn/{path.name}": path.read_bytes() for path in sorted(package.glob("*.*"))
-              if path.suffix in (".py", ".typed") or path.name == MODULE}
-    files[f"{info}/METADATA"] = ("".join((
-        f"Metadata-Version: 2.1\nName: citylearn-dds\nVersion: {version}\n",
-        "Summary: Visual navigation over recorded routes\nLicense: Apache-2.0\n",
-        "Requires-Python: >=3.10\nRequires-Dist: numpy\n",
-        *(f"Requires-External: {name}\n" for name in sorted(needed))))).encode()
-    files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: citylearn\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
+    module = name.replace("-", "_")
+    info = f"{module}-{version}.dist-info"
+    files = {path.replace("{data}", f"{module}-{version}.data"): data for path, data in files.items()}
+    files[f"{info}/METADATA"] = "".join(f"{field}\n" for field in (
+        "Metadata-Version: 2.1", f"Name: {name}", f"Version: {version}", "License: Apache-2.0", *fields)).encode()
+    pure = "true" if tag.endswith("-any") else "false"
+    files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: citylearn\nRoot-Is-Purelib: {pure}\nTag: {tag}\n".encode()
     files[f"{info}/LICENSE"] = (SOURCE / "LICENSE").read_bytes()
-    digest = {name: base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
-              for name, data in files.items()}
-    record = "".join(f"{name},sha256={digest[name]},{len(data)}\n" for name, data in files.items())
+    digest = {path: base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
+              for path, data in files.items()}
+    record = "".join(f"{path},sha256={digest[path]},{len(data)}\n" for path, data in files.items())
     files[f"{info}/RECORD"] = f"{record}{info}/RECORD,,\n".encode()
-    name = f"citylearn_dds-{version}-{tag}.whl"
-    with zipfile.ZipFile(Path(wheel_directory, name), "w", zipfile.ZIP_DEFLATED) as wheel:
+    wheel_name = f"{module}-{version}-{tag}.whl"
+    with zipfile.ZipFile(Path(folder, wheel_name), "w", zipfile.ZIP_DEFLATED) as wheel:
         for path, data in files.items():
             file = zipfile.ZipInfo(path)
             file.compress_type = zipfile.ZIP_DEFLATED
             file.external_attr = (0o100755 if "/bin/" in path or "/scripts/" in path else 0o100644) << 16
             wheel.writestr(file, data)
-    return name
+    return wheel_name
+
+
+def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
+    tag = "cp{0.major}{0.minor}-cp{0.major}{0.minor}-".format(sys.version_info)
+    tag += re.sub(r"[-.]", "_", sysconfig.get_platform())
+    package = built_package()
+    files, needed = programs(package.parents[1])
+    files |= {f"citylearn/{path.name}": path.read_bytes() for path in sorted(package.glob("*.*"))
+              if path.suffix in (".py", ".typed") or path.name == MODULE}
+    return write_wheel(wheel_directory, "citylearn-dds", tag, files, "Summary: Visual navigation over recorded routes",
+                       "Requires-Python: >=3.10", "Requires-Dist: numpy",
+                       *(f"Requires-External: {name}" for name in sorted(needed)))

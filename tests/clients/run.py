@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the script of a client of clients.toml with that client's packages: run.py SOURCE BUILD CLIENT
+
+Its virtual environment stays in the build folder, or in the one that $CITYLEARN_CLIENTS names. The test is skipped (77) where
+Python has no venv or the package registry is out of reach."""
+
+import fcntl
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+SOURCE, BUILD = (Path(folder).resolve() for folder in sys.argv[1:3])
+HERE = SOURCE / "tests/clients"
+CLIENTS = tomllib.loads((HERE / "clients.toml").read_text())
+NO_REGISTRY = "connection broken|Could not fetch URL|Failed to establish|Temporary failure|No module named 'ensurepip'"
+
+
+def skip(reason):
+    print(f"skipped: {reason}")
+    sys.exit(77)
+
+
+def call(*command):
+    """Ends the test where making an environment fails: skipped if that is for want of a registry."""
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    if done.returncode:
+        lines = [line for line in done.stdout.splitlines() if line.strip()]
+        missing = next((line for line in lines if re.search(NO_REGISTRY, line)), None)
+        if missing:
+            skip(missing)
+        sys.exit("\n".join(lines[-20:]))
+
+
+def python_of(name):
+    """Returns the Python of an environment, which is made where it is not there or has other packages."""
+    packages = CLIENTS["environments"][name]
+    folder = Path(os.environ.get("CITYLEARN_CLIENTS", BUILD / "clients")) / name
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    made, wanted = folder / "packages", "\n".join([sys.version, *packages])
+    with open(f"{folder}.lock", "w") as lock:  # tests run side by side
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not made.exists() or made.read_text() != wanted:
+            shutil.rmtree(folder, ignore_errors=True)
+            call(sys.executable, "-m", "venv", folder)
+            call(folder / "bin/pip", "install", "--quiet", "--disable-pip-version-check", "--retries=1",
+                 "--only-binary=:all:", *packages)
+            made.write_text(wanted)
+    return folder / "bin/python"
+
+
+def main(name):
+    client = CLIENTS["clients"][name]
+    python = python_of(client["environment"])
+    path = ":".join(map(str, (BUILD / "python", SOURCE / "tests/python", SOURCE / "tests/support", HERE)))
+    for script in client["script"].split():
+        done = subprocess.run([python, "-B", HERE / script, SOURCE, BUILD], env={**os.environ, "PYTHONPATH": path}, check=False)
+        if done.returncode:
+            sys.exit(f"{name}: {script} failed ({done.returncode})")
+
+
+if __name__ == "__main__":
+    main(sys.argv[3])
