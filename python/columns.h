@@ -23,14 +23,14 @@ struct Columns {
         allowed(ArrayShape{agents, kActions}),
         position(ArrayShape{agents}),
         reward(ArrayShape{agents}),
-        flags(ArrayShape{agents}) {}
+        flags(ArrayShape{agents}),
+        frame(ArrayShape{agents}) {}
   Batch batch() {
-    return {features.mutable_data(), goal.mutable_data(),     previous_action.mutable_data(),
-            allowed.mutable_data(),  position.mutable_data(), reward.mutable_data(),
-            flags.mutable_data()};
+    return {features.mutable_data(), goal.mutable_data(),   previous_action.mutable_data(), allowed.mutable_data(),
+            position.mutable_data(), reward.mutable_data(), flags.mutable_data(),           frame.mutable_data()};
   }
   pybind11::tuple tuple() const {
-    return pybind11::make_tuple(features, goal, previous_action, allowed, position, reward, flags);
+    return pybind11::make_tuple(features, goal, previous_action, allowed, position, reward, flags, frame);
   }
 
   pybind11::array_t<float> features;
@@ -39,6 +39,7 @@ struct Columns {
   pybind11::array_t<std::int64_t> position;
   pybind11::array_t<double> reward;
   pybind11::array_t<std::uint8_t> flags;
+  pybind11::array_t<std::int64_t> frame;
 };
 
 }  // namespace citylearn::python

@@ -25,6 +25,7 @@ struct Batch {
   std::int64_t* position;         ///< B, place on the route
   double* reward;                 ///< B, of the action before this observation
   std::uint8_t* flags;            ///< B, FLAG_*
+  std::int64_t* frame;            ///< B, place on the route whose frame is seen
 };
 
 /// The route of the agents: frames first_frame .. first_frame + frames - 1 of a traversal.
@@ -84,6 +85,7 @@ void write_rows(const msg::Observation& seen, std::uint32_t first_frame, std::si
       batch.allowed[row * kActions + static_cast<std::size_t>(action)] = seen.allowed()[agent] >> action & 1;
     batch.reward[row] = static_cast<double>(seen.reward()[agent]);
     batch.flags[row] = seen.flags()[agent];
+    batch.frame[row] = std::int64_t{seen.frame()[agent]} - first_frame;
   }
 }
 

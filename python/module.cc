@@ -20,6 +20,7 @@
 #include "core/exchange/timing.h"
 #include "core/task/lost.h"
 #include "core/util/log_format.h"
+#include "encoder_service/encoding/encoder.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/run_context.h"
 #include "python/columns.h"
@@ -192,6 +193,15 @@ py::object belief_of(const Policy& policy, int first_frame) {
                         array(belief.lost(), {agents}));
 }
 
+/// Returns a frame's picture, height x width x 3, blue first; None of a recording of features.
+py::object picture_of(const Recording& recording, int frame) {
+  if (!recording.images) return py::none();
+  Bytes bytes;
+  recording.images->read(frame, bytes);
+  const cv::Mat picture = decode_picture(bytes, recording.images->name(frame));
+  return py::array_t<std::uint8_t>(ArrayShape{picture.rows, picture.cols, 3}, picture.data);
+}
+
 /// Returns a message with keyword arguments in place of options: "step_metres: ..." for "--step-metres: ...".
 std::string in_python(const std::string& message) {
   std::string text;
@@ -238,6 +248,11 @@ void define_environments(py::module_& module) {
       .def_property_readonly("name", [](const Recording& one) { return one.traversal.name; })
       .def_property_readonly("frames", [](const Recording& one) { return one.traversal.frames; })
       .def_property_readonly("features", [](const Recording& one) { return one.traversal.dimension; })
+      .def("feature",
+           [](const Recording& one, int frame) {
+             return py::array_t<float>(ArrayShape{one.traversal.dimension}, one.traversal.feature(frame).data());
+           })
+      .def("picture", &picture_of)
       .def("reference", &reference_of);
   py::class_<Route>(module, "Route")
       .def(py::init([](int first_frame, int frames, int max_steps, bool shuffle) {

@@ -57,7 +57,7 @@ void parse(CLI::App& app, const Keywords& keywords) {
   std::vector<std::string> arguments;
   for (const auto& [name, value] : keywords) {
     if (!std::binary_search(known.begin(), known.end(), name))
-      throw UnknownOption("unknown option '" + name + "'", "", "known: " + joined(known));
+      throw UnknownOption("unexpected keyword argument '" + name + "'", "", "known: " + joined(known));
     arguments.push_back("--" + with(name, '_', '-') + "=" + value);
   }
   check_numbers(app);
@@ -235,8 +235,8 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
   if (learned.known() && !options.selection_given)
     select_as_taught(*dataset, options.source.selection, learned.traversals.front());
   const std::string name = name_in(*dataset, chosen_traversal(*dataset, options.source));
-  Recording recording{imperfect(select(*dataset, name, options.source.selection), options.imperfections),
-                      options.imperfections};
+  Recording recording{
+      imperfect(select(*dataset, name, options.source.selection), options.imperfections), options.imperfections, {}};
   Traversal& traversal = recording.traversal;
   traversal.name = name_from(traversal.name);
   for (const std::string option : {"encoder", "reference", "dimension"})
@@ -245,6 +245,7 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
                   "leave it out");
   TraversalContents contents{
       traversal.name, traversal.hash(), 0, "", traversal.dataset, static_cast<std::uint32_t>(traversal.frames)};
+  recording.images = traversal.images;
   if (traversal.images) contents.encoder = encode(traversal, *dataset, options, learned);
   contents.feature_dimension = static_cast<std::uint32_t>(traversal.dimension);
   if (const std::string wrong = learned.misfit(contents); !wrong.empty())

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,7 @@ using Keywords = std::map<std::string, std::string>;
 struct Recording {
   Traversal traversal;
   Imperfections imperfections;
+  std::shared_ptr<Images> images;  ///< the traversal's pictures; null where it was recorded as features
 };
 
 /// Loads a traversal by the options of env_service and, for pictures, of encoder_service. An agent that learned from

@@ -15,6 +15,8 @@ try:
     from gymnasium.vector.utils import batch_space
 
     EnvBase: type = gymnasium.Env
+    if "CityLearn-v0" not in gymnasium.registry:
+        gymnasium.register("CityLearn-v0", entry_point="citylearn:Env", vector_entry_point="citylearn:VectorEnv")
 except ImportError:
 
     class AutoresetMode(Enum):  # type: ignore[no-redef]

@@ -147,7 +147,7 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
 
 def _columns(act: Act) -> Callable[[tuple[np.ndarray, ...]], np.ndarray]:
     def choose(columns: tuple[np.ndarray, ...]) -> np.ndarray:
-        features, goal, previous_action, mask, _, _, flags = columns
+        features, goal, previous_action, mask, _, _, flags, _ = columns
         actions = np.asarray(act({"features": features, "goal": goal, "previous_action": previous_action,
                                   "action_mask": mask}, (flags & 1) != 0))
         if actions.shape != goal.shape or actions.dtype.kind not in "iu" or actions.min() < 0 or actions.max() > 2:

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from ._options import _native, as_text, check_process, count, none_is_default, route_of, seconds, seed_of
+from ._render import Painter
 from ._spaces import AutoresetMode, Discrete, EnvBase, VectorEnvBase, batch_space, observation_space
 
 STAY, NEXT, PREVIOUS = 0, 1, 2
 _MOST_SERVICES = 4096
 _WAIT = 255  # at the start of an episode: nothing of the agent changes
 _TERMINATED, _TRUNCATED = 2, 4
+
+_RENDERING = {"render_modes": ["rgb_array"], "render_fps": 4}
 
 Observation = dict[str, np.ndarray]
 
@@ -41,7 +44,7 @@ class VectorEnv(VectorEnvBase):
     def __init__(self, *, num_envs: int | None = None, agents: int | None = None, services: int | None = None,
                  frames: int | str | None = None, max_steps: int = 0, shuffle: bool = False,
                  autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, wait: float = 30,
-                 render_mode: None = None, **options: Any):
+                 render_mode: str | None = None, **options: Any):
         """Loads the traversal, or finds the env_services. None leaves an argument out.
 
         agents: of each service, 1..256, 16 by default; over DDS the env_services say how many.
@@ -52,17 +55,21 @@ class VectorEnv(VectorEnvBase):
         shuffle: show the frames in a random order, another one in each episode; the place where an episode begins
           keeps its frame of the last episode, which ended there.
         wait: seconds until a missing or silent env_service raises TimeoutError.
+        render_mode: "rgb_array" makes render() draw, in this process alone.
         options: those of env_service (dataset, data, traversal, step_metres, slip ...) and, for pictures, of
           encoder_service (encoder, dimension ...), with _ for -. With one of a service's own (session, middleware,
           domain, interface, peers ...) the env_services that host `traversal` there are driven instead.
         """
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_modes": []}
-        if render_mode is not None:  # a TypeError makes Stable-Baselines3 leave it out
-            raise TypeError(f"render_mode must be None, is {render_mode!r}: the environment draws nothing")
+        self.metadata = {**self.metadata, **_RENDERING, "autoreset_mode": self.autoreset_mode}
         if "max_episode_steps" in options:
             raise TypeError("max_episode_steps cuts no episode here; give max_steps, by which rewards scale too")
         self._remote = bool(options.keys() & set(_native.node_options()))
+        self.render_mode = render_mode
+        if render_mode not in (None, *([] if self._remote else _RENDERING["render_modes"])):
+            # A TypeError makes Stable-Baselines3 leave it out.
+            raise TypeError(f"render_mode must be None{' over DDS' if self._remote else ' or rgb_array'}, is "
+                            f"{render_mode!r}")
         if num_envs is not None and agents is None and services is None and not self._remote:
             agents, services = 1, count("num_envs", num_envs, 1, _MOST_SERVICES)
         services = count("services", 1 if services is None else services, 1, _MOST_SERVICES)
@@ -75,6 +82,7 @@ class VectorEnv(VectorEnvBase):
             recording = _native.Recording(as_text(options))
             self._envs = _native.Envs(recording, count("agents", 16 if agents is None else agents, 1, 256), services)
         self._route = route_of(frames, max_steps, shuffle, self._envs.frames, self._envs.traversal)
+        self._painter = Painter(recording, self._route) if render_mode else None
         self.num_envs: int = self._envs.agents
         self.single_observation_space = observation_space(self._envs.features, self._route.frames)
         self.single_action_space = Discrete(3)
@@ -122,6 +130,7 @@ class VectorEnv(VectorEnvBase):
         for name, values in self._final.items() if self._ended.any() else ():
             observation[name] = np.where(self._ended, values, observation[name])
         self._ready = True
+        self._shown = self._painter and (self._frame, position.copy(), observation["goal"].copy())
         return observation, {"position": np.where(mask, position, 0), "_position": mask.copy()}
 
     def step(self, actions: Any) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -149,6 +158,16 @@ class VectorEnv(VectorEnvBase):
         if not self._ready:
             raise RuntimeError("call reset() first")
         return self._mask.astype(bool)
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Returns a picture of each agent, uint8 (H, W, 3): the frame that it sees and, beside it, the goal's, or their
+        features as grey tiles; below them the route with its place (red) and the goal (green). None without
+        render_mode="rgb_array"."""
+        if self._painter is None:
+            return None
+        if not self._ready:
+            raise RuntimeError("call reset() first")
+        return tuple(self._painter.draw(*of_agent) for of_agent in zip(*self._shown))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Releases the env_services."""
@@ -192,7 +211,7 @@ class VectorEnv(VectorEnvBase):
 
     def _unpack(self, columns: tuple[np.ndarray, ...]) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray]:
         """Returns observation, position, reward and flags, and keeps what the next step needs."""
-        features, goal, previous_action, mask, position, reward, flags = columns
+        features, goal, previous_action, mask, position, reward, flags, self._frame = columns
         # Copies, because callers may write into theirs.
         self._goal, self._mask = goal.copy(), mask.copy()
         return {"features": features, "goal": goal, "previous_action": previous_action,
@@ -223,6 +242,7 @@ class VectorEnv(VectorEnvBase):
             else:
                 observation = final
                 infos["spl"], infos["_spl"] = spl, ended.copy()
+        self._shown = self._painter and (self._frame, position.copy(), observation["goal"].copy())
         return observation, rewards, terminated, truncated, infos
 
     def _seeds(self, seed: Any) -> list[int | None]:
@@ -253,13 +273,14 @@ class VectorEnv(VectorEnvBase):
 class Env(EnvBase):
     """One agent, with Gymnasium's interface of a single environment. Options, observations and infos as VectorEnv's."""
 
-    metadata: dict[str, Any] = {"render_modes": []}
+    metadata: dict[str, Any] = _RENDERING
 
     @none_is_default
     def __init__(self, **options: Any):
         self._envs = VectorEnv(**{"agents": 1, "autoreset_mode": AutoresetMode.DISABLED, **options})
         if self._envs.num_envs != 1:
             raise ValueError(f"Env has one agent, these are {self._envs.num_envs}; use VectorEnv")
+        self.render_mode = self._envs.render_mode
         self.observation_space = self._envs.single_observation_space
         self.action_space = self._envs.single_action_space
 
@@ -279,6 +300,11 @@ class Env(EnvBase):
     def action_masks(self) -> np.ndarray:
         """Returns the action_mask of the last observation, bool (3,)."""
         return self._envs.action_masks()[0]
+
+    def render(self) -> np.ndarray | None:
+        """Returns VectorEnv.render()'s picture."""
+        pictures = self._envs.render()
+        return pictures and pictures[0]
 
     def close(self) -> None:
         self._envs.close()

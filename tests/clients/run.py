@@ -14,7 +14,7 @@ import tomllib
 from pathlib import Path
 
 SOURCE, BUILD = (Path(folder).resolve() for folder in sys.argv[1:3])
-HERE = SOURCE / "tests/clients"
+HERE, PAGE = SOURCE / "tests/clients", "docs/reference/clients.md"
 CLIENTS = tomllib.loads((HERE / "clients.toml").read_text())
 NO_REGISTRY = "connection broken|Could not fetch URL|Failed to establish|Temporary failure|No module named 'ensurepip'"
 
@@ -37,7 +37,7 @@ def call(*command):
 
 def python_of(name):
     """Returns the Python of an environment, which is made where it is not there or has other packages."""
-    packages = CLIENTS["environments"][name]
+    packages = CLIENTS["environments"][name]["packages"]
     folder = Path(os.environ.get("CITYLEARN_CLIENTS", BUILD / "clients")) / name
     folder.parent.mkdir(parents=True, exist_ok=True)
     made, wanted = folder / "packages", "\n".join([sys.version, *packages])
@@ -52,12 +52,22 @@ def python_of(name):
     return folder / "bin/python"
 
 
+def row_of(name):
+    """Returns the client's row in the table of the documentation."""
+    client = CLIENTS["clients"][name]
+    versions = dict(package.split("==") for package in CLIENTS["environments"][client["environment"]]["packages"])
+    return f"| {', '.join(f'{each} {versions[each]}' for each in client.get('packages', [name]))} | {client['uses']} |"
+
+
 def main(name):
     client = CLIENTS["clients"][name]
+    if row_of(name) not in (SOURCE / PAGE).read_text():
+        sys.exit(f"{PAGE} lacks the row\n{row_of(name)}")
     python = python_of(client["environment"])
     path = ":".join(map(str, (BUILD / "python", SOURCE / "tests/python", SOURCE / "tests/support", HERE)))
-    for script in client["script"].split():
-        done = subprocess.run([python, "-B", HERE / script, SOURCE, BUILD], env={**os.environ, "PYTHONPATH": path}, check=False)
+    environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}  # threads that wait disturb others
+    for script in client["scripts"]:
+        done = subprocess.run([python, "-B", HERE / script, SOURCE, BUILD], env=environment, check=False)
         if done.returncode:
             sys.exit(f"{name}: {script} failed ({done.returncode})")
 

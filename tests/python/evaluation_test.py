@@ -221,7 +221,7 @@ class Evaluation(unittest.TestCase):
                 "sequence_filter", control_parameters={"sequence_filter": {"slip": float("nan")}}, **DATA)),
             (ValueError, "control_parameters: 'other' is not one of what is evaluated, blind",
              lambda: citylearn.evaluate("blind", control_parameters={"other": {}}, **DATA)),
-            (TypeError, "unknown option 'colour'", lambda: citylearn.evaluate("blind", colour=1, **DATA)),
+            (TypeError, "unexpected keyword argument 'colour'", lambda: citylearn.evaluate("blind", colour=1, **DATA)),
         ):
             with self.subTest(pattern=pattern), self.assertRaisesRegex(error, pattern):
                 call()

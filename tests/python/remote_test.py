@@ -154,7 +154,7 @@ class Errors(ClearErrors):
                 env.close()
 
     def test_options(self):
-        with self.assertRaisesRegex(TypeError, "unknown option 'slip' .known: .*middleware"):
+        with self.assertRaisesRegex(TypeError, "unexpected keyword argument 'slip' .known: .*middleware"):
             connect("cyclonedds", slip=0.1)
         with self.assertRaisesRegex(ValueError, "unknown middleware 'none'"):
             connect("none")

@@ -75,16 +75,8 @@ def with_header(checkpoint, change, name):
     return path
 
 
-def need_peers(*names):
-    """Makes other projects importable, or skips."""
-    skip_if(missing(folders=names))
-
-
 def need_modules(*names):
-    skip_if(missing(modules=names))
-
-
-def skip_if(reason):
+    reason = missing(modules=names)
     if reason:
         print(f"skipped: {reason}")
         sys.exit(77)

@@ -195,7 +195,7 @@ class Endings(unittest.TestCase):
 
 class Errors(ClearErrors):
     def test_options(self):
-        self.expect(TypeError, "unknown option 'cells' .known: .*baseline_cells.*trainer_agents", learner, cells=3)
+        self.expect(TypeError, "unexpected keyword argument 'cells' .known: .*baseline_cells.*trainer_agents", learner, cells=3)
         self.expect(ValueError, "unknown agent 'none' .known: baseline", learner, agent="none")
         self.expect(ValueError, "^baseline_cells: Value 0 not in range", learner, baseline_cells=0)
         self.expect(ValueError, "^frames: '5:6' must be two frames or more", learner, frames="5:6")

@@ -13,6 +13,9 @@ from pathlib import Path
 from support import BUILD, SOURCE, need_modules
 
 need_modules("pip")
+
+import numpy as np
+
 MODULE = f"_native{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
@@ -123,6 +126,33 @@ class Wheel(unittest.TestCase):
                 self.assertEqual(len(lines), 1, done.stderr)
                 self.assertIn(told, lines[0])
                 self.assertFalse((self.folder / "installed").exists())
+
+
+class Import(unittest.TestCase):
+    """A copy of the package whose module in C++ is replaced."""
+
+    def told(self, module):
+        """Returns the last line of what importing the package says."""
+        with tempfile.TemporaryDirectory(prefix="citylearn-") as folder:
+            shutil.copytree(BUILD / "python/citylearn", f"{folder}/citylearn",
+                            ignore=shutil.ignore_patterns("_native*"))
+            for name, text in module.items():
+                Path(folder, "citylearn", name).write_text(text)
+            done = subprocess.run([sys.executable, "-B", "-c", "from citylearn import VectorEnv"], text=True, check=False,
+                                  capture_output=True, env={**os.environ, "PYTHONPATH": folder})
+            self.assertEqual(done.returncode, 1)
+            return done.stderr.strip().splitlines()[-1]
+
+    def test_arrays_with_wrong_strides_are_refused(self):
+        told = self.told({"_native.py": "import numpy\n"
+                          "def sample_arrays(): return [numpy.zeros(3), numpy.broadcast_to(numpy.zeros(()), 3)]\n"})
+        self.assertIn(f"ImportError: citylearn's arrays have wrong strides under NumPy {np.__version__}; install", told)
+
+    def test_a_module_of_another_python_is_named(self):
+        told = self.told({"_native.cpython-39-x86_64-linux-gnu.so": ""})
+        self.assertIn(f"ImportError: citylearn's module does not load in {sys.implementation.cache_tag} "
+                      f"({sys.executable}); there is _native.cpython-39-x86_64-linux-gnu.so; build it", told)
+        self.assertIn("there is none; build it", self.told({}))
 
 
 if __name__ == "__main__":

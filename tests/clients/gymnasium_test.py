@@ -4,10 +4,7 @@
 import unittest
 import warnings
 
-from support import DRAWN, need_modules, need_peers, towards_goal
-
-need_modules("cloudpickle", "typing_extensions")
-need_peers("gymnasium", "farama-notifications")
+from support import DRAWN, towards_goal
 
 import gymnasium
 import numpy as np
@@ -24,8 +21,8 @@ class Checks(unittest.TestCase):
     def test_the_checker_finds_nothing(self):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            warnings.filterwarnings("ignore", ".*(infinity|not within|render).*")  # features have no bounds
-            check_env(citylearn.Env(**OPTIONS), skip_render_check=True)
+            warnings.filterwarnings("ignore", ".*infinity.*")  # features have no bounds
+            check_env(gymnasium.make("CityLearn-v0", render_mode="rgb_array", **OPTIONS).unwrapped)
 
     def test_wrappers_of_vectors_work(self):
         env = RecordEpisodeStatistics(DictInfoToList(citylearn.VectorEnv(agents=4, **OPTIONS)).env)
@@ -46,13 +43,65 @@ class Checks(unittest.TestCase):
 
 class Makers(unittest.TestCase):
     def test_make_vec_makes_what_sync_makes(self):
-        gymnasium.register("City-v0", entry_point="citylearn:Env", vector_entry_point="citylearn:VectorEnv",
-                           kwargs=OPTIONS)
-        ours, theirs = (gymnasium.make_vec("City-v0", num_envs=4, vectorization_mode=mode)
-                        for mode in ("vector_entry_point", "sync"))
+        ours, theirs = (gymnasium.make_vec("CityLearn-v0", num_envs=4, vectorization_mode=mode, **OPTIONS)
+                        for mode in (None, "sync"))
         self.assertIsInstance(ours, citylearn.VectorEnv)
         self.assertEqual(ours.observation_space, theirs.observation_space)
         self.assertTrue(data_equivalence(ours.reset(seed=2), theirs.reset(seed=2)))
+        self.assertTrue(data_equivalence(ours.reset(seed=[4, 3, 2, 1]), theirs.reset(seed=[4, 3, 2, 1])))
+
+    def test_services_have_agents(self):
+        env = gymnasium.make_vec("CityLearn-v0", num_envs=8, agents=4, services=2, **OPTIONS)
+        self.assertEqual(env.reset(seed=1)[0]["action_mask"].shape, (8, 3))
+        with self.assertRaisesRegex(ValueError, "num_envs is 8, but 2 services have 6 agents"):
+            gymnasium.make_vec("CityLearn-v0", num_envs=8, agents=3, services=2, **OPTIONS)
+        with self.assertRaisesRegex(TypeError, "unexpected keyword argument 'colour'"):
+            gymnasium.make("CityLearn-v0", colour=1)
+
+
+class Pictures(unittest.TestCase):
+    """Two pictures of 240 columns with 4 between them; below, 12 rows of the route with marks of 8 columns."""
+
+    def marks(self, picture, colour):
+        """Returns the columns of the route that have this colour."""
+        return np.flatnonzero((picture[-12:] == colour).all(axis=(0, 2))).tolist()
+
+    def test_the_frame_seen_is_shown_and_the_places_are_marked(self):
+        env = gymnasium.make_vec("CityLearn-v0", num_envs=4, render_mode="rgb_array", shuffle=True, **OPTIONS)
+        observation, infos = env.reset(seed=1)
+        for _ in range(30):
+            for agent, picture in enumerate(env.render()):
+                self.assertEqual((picture.shape, picture.dtype), ((252, 484, 3), np.uint8))
+                features = observation["features"][agent]  # 16: tiles of 60 x 60
+                tiles = 127.5 * (1 + features / np.abs(features).max())
+                np.testing.assert_allclose(picture[30:240:60, 30:240:60, 1].ravel(), tiles, atol=1)
+                at = int(infos["position"][agent]) * 476 // 31
+                self.assertEqual(self.marks(picture, (220, 60, 40)), list(range(at, at + 8)))
+                goal = int(observation["goal"][agent]) * 476 // 31
+                self.assertLessEqual(set(self.marks(picture, (40, 180, 60))), set(range(goal, goal + 8)))
+            observation, _, _, _, infos = env.step(towards_goal(observation, infos["position"]))
+
+    def test_pictures_at_the_goal_are_the_same(self):
+        env = gymnasium.make("CityLearn-v0", render_mode="rgb_array", **{**OPTIONS, "synthetic_images": 1, "max_steps": 64,
+                                                                         "store": "none"})
+        observation, infos = env.reset(seed=3)
+        terminated, different = False, 0
+        while not terminated:
+            picture = env.render()
+            different += (picture[:-12, :240] != picture[:-12, 244:]).any()
+            observation, _, terminated, _, infos = env.step(1 if observation["goal"] > infos["position"] else 2)
+        picture = env.render()
+        np.testing.assert_array_equal(picture[:-12, :240], picture[:-12, 244:])
+        self.assertGreater(different, 0)
+        self.assertGreater(picture[5, :240, 2].mean(), picture[5, :240, 0].mean(), "the sky is blue")
+        self.assertEqual(self.marks(picture, (40, 180, 60)), [])
+
+    def test_windows_are_gymnasiums(self):
+        self.assertEqual(gymnasium.spec("CityLearn-v0").make(**OPTIONS).render_mode, None)
+        with self.assertRaisesRegex(TypeError, "render_mode must be None or rgb_array, is 'human'"):
+            citylearn.Env(render_mode="human", **OPTIONS)
+        with self.assertRaisesRegex(TypeError, "render_mode must be None over DDS, is 'rgb_array'"):
+            citylearn.VectorEnv(render_mode="rgb_array", session="default")
 
 
 class Resets(unittest.TestCase):

@@ -7,9 +7,7 @@ import subprocess
 import sys
 import unittest
 
-from support import DRAWN, SOURCE, need_modules
-
-need_modules("torch")
+from support import DRAWN, SOURCE
 
 from actors import WHERE, actor, env_services, running
 
