@@ -24,8 +24,6 @@ namespace {
 
 constexpr std::uint64_t kUnlimitedSteps = 1'000'000'000'000;  // steps, the most that a trainer takes
 
-constexpr std::int64_t kMostDescriptors = 1 << 26;  // numbers that are kept together
-
 const std::string kGroup = "Options";  // one without a name hides options' names in messages
 
 struct RecordingOptions {
@@ -208,14 +206,11 @@ std::string encode(Traversal& pictures, Dataset& dataset, RecordingOptions& opti
     if (!own) descriptors.resize(0, 0);
   }
   recipe.encoder = encoder->spec().name;
-  const std::int64_t numbers = std::int64_t{encoder->spec().dimension} * pictures.frames;
-  if (how.learns() && how.centring != Centring::kOwn && descriptors.size() == 0 && numbers > kMostDescriptors) {
-    OnlineReduction online(std::make_shared<Reduction>(reduction));
-    Eigen::MatrixXf features(reduction.dimension(), pictures.frames);
-    lab::encode_blocks(*encoder, pictures, entry.name, store, [&](int first, const Eigen::MatrixXf& block) {
-      for (Eigen::Index i = 0; i < block.cols(); ++i) features.col(first + i) = online.apply(block.col(i));
-    });
-    pictures = lab::with_features(pictures, features);
+  if (descriptors.size() == 0 && how.learns() && how.centring != Centring::kOwn) {
+    lab::Encoding encoding(*encoder, pictures, entry.name, store);
+    pictures = lab::with_features(pictures, reduction.apply(pictures.frames, [&](Eigen::Index first, auto block) {
+      encoding.read(first, block);
+    }));
     return recipe.text();
   }
   if (descriptors.size() == 0) descriptors = lab::encode(*encoder, pictures, entry.name, store).matrix;

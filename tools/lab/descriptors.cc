@@ -11,11 +11,6 @@
 #include "encoder_service/pipeline/feature_store.h"
 
 namespace citylearn::lab {
-namespace {
-
-constexpr int kBatchesOfBlock = 16;
-
-}  // namespace
 
 cv::Mat read_picture(const Traversal& traversal, int frame) {
   if (stop_requested()) throw Stopped{};
@@ -36,50 +31,48 @@ void fit_encoder(Encoder& encoder, const Traversal& reference) {
   encoder.learn(pictures);
 }
 
-int encode_blocks(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store,
-                  const std::function<void(int first, const Eigen::MatrixXf& block)>& use) {
-  const Encoder::Spec spec = encoder.spec();
-  std::optional<FeatureStore> kept;
+Encoding::Encoding(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store)
+    : encoder_(encoder),
+      traversal_(traversal),
+      dimension_(encoder.spec().dimension),
+      progress_(label + " " + traversal.name, traversal.frames) {
   if (!store.empty())
-    kept.emplace(store, FeatureStore::Key{spec.name, spec.dimension, traversal.hash(), traversal.frames});
-  Progress progress(label + " " + traversal.name, traversal.frames);
-  const int batch = std::max(1, spec.batch), size = kBatchesOfBlock * batch;
-  int encoded = 0;
-  Eigen::MatrixXf block;
+    store_ = std::make_unique<FeatureStore>(
+        store, FeatureStore::Key{encoder.spec().name, dimension_, traversal.hash(), traversal.frames});
+}
+Encoding::~Encoding() = default;
+
+void Encoding::read(Eigen::Index first, Eigen::Ref<Eigen::MatrixXf> descriptors) {
+  const auto column = [&](int frame) {
+    return std::span<float>(descriptors.col(frame - first).data(), static_cast<std::size_t>(dimension_));
+  };
+  std::vector<int> missing;
+  for (int frame = static_cast<int>(first); frame < first + descriptors.cols(); ++frame)
+    if (!store_ || !store_->read(frame, column(frame))) missing.push_back(frame);
+  progress_.done(static_cast<int>(descriptors.cols()) - static_cast<int>(missing.size()));
+  const std::ptrdiff_t batch = std::max(1, encoder_.spec().batch);
   std::vector<cv::Mat> pictures;
-  for (int first = 0; first < traversal.frames; first += size) {
-    block.resize(spec.dimension, std::min(size, traversal.frames - first));
-    const auto column = [&](int frame) {
-      return std::span<float>(block.col(frame - first).data(), static_cast<std::size_t>(spec.dimension));
-    };
-    std::vector<int> missing;
-    for (int frame = first; frame < first + block.cols(); ++frame)
-      if (!kept || !kept->read(frame, column(frame))) missing.push_back(frame);
-    progress.done(static_cast<int>(block.cols()) - static_cast<int>(missing.size()));
-    encoded += static_cast<int>(missing.size());
-    for (auto from = missing.begin(); from != missing.end();) {
-      const auto to = from + std::min<std::ptrdiff_t>(batch, missing.end() - from);
-      pictures.clear();
-      for (auto frame = from; frame != to; ++frame) pictures.push_back(read_picture(traversal, *frame));
-      const Eigen::MatrixXf columns = encoder.encode(pictures);
-      for (Eigen::Index i = 0; from != to; ++from, ++i) {
-        block.col(*from - first) = columns.col(i);
-        if (kept) kept->write(*from, column(*from));
-      }
-      progress.done(static_cast<int>(columns.cols()));
+  for (auto from = missing.begin(); from != missing.end();) {
+    const auto to = from + std::min(batch, missing.end() - from);
+    pictures.clear();
+    for (auto frame = from; frame != to; ++frame) pictures.push_back(read_picture(traversal_, *frame));
+    const Eigen::MatrixXf columns = encoder_.encode(pictures);
+    for (Eigen::Index i = 0; from != to; ++from, ++i) {
+      descriptors.col(*from - first) = columns.col(i);
+      if (store_) store_->write(*from, column(*from));
     }
-    use(first, block);
+    encoded_ += static_cast<int>(columns.cols());
+    progress_.done(static_cast<int>(columns.cols()));
   }
-  return encoded;
 }
 
 Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store) {
   const Clock::time_point start = Clock::now();
+  Encoding encoding(encoder, traversal, label, store);
   Descriptors result;
   result.matrix.resize(encoder.spec().dimension, traversal.frames);
-  result.encoded = encode_blocks(encoder, traversal, label, store, [&](int first, const Eigen::MatrixXf& block) {
-    result.matrix.middleCols(first, block.cols()) = block;
-  });
+  encoding.read(0, result.matrix);
+  result.encoded = encoding.encoded();
   result.seconds = seconds_since(start);
   return result;
 }

@@ -2,11 +2,16 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
+#include <memory>
 #include <string>
 
+#include "core/command_line/progress.h"
 #include "encoder_service/encoding/encoder.h"
 #include "env_service/dataset_io/traversal.h"
+
+namespace citylearn {
+class FeatureStore;
+}
 
 namespace citylearn::lab {
 
@@ -26,12 +31,27 @@ struct Descriptors {
 /// Lets an encoder that learns do so from the pictures that an encoder_service takes. Throws Error, Stopped.
 void fit_encoder(Encoder& encoder, const Traversal& reference);
 
-/// Encodes a traversal of pictures in order, and calls `use` with the descriptors of frames `first` and those after it,
-/// so that all of them need not be kept. Returns how many frames were encoded; the others came from the store. With a
-/// `store` folder, features stored there are read and new ones written. Throws Error, Stopped.
-int encode_blocks(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store,
-                  const std::function<void(int first, const Eigen::MatrixXf& block)>& use);
-/// Returns all descriptors.
+/// Encodes a traversal of pictures, part by part. With a `store` folder, features stored there are read and new ones
+/// written.
+class Encoding {
+ public:
+  /// `encoder` and `traversal` must outlive it. Throws Error.
+  Encoding(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store);
+  ~Encoding();
+  /// Fills in the descriptors of frame `first` and those that follow it, as Reduction::ReadBlock. Throws Error,
+  /// Stopped.
+  void read(Eigen::Index first, Eigen::Ref<Eigen::MatrixXf> descriptors);
+  int encoded() const { return encoded_; }  ///< frames so far; the others came from the store
+
+ private:
+  Encoder& encoder_;
+  const Traversal& traversal_;
+  const int dimension_;
+  std::unique_ptr<FeatureStore> store_;
+  Progress progress_;
+  int encoded_ = 0;
+};
+/// Returns all descriptors. Throws Error, Stopped.
 Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store);
 
 /// Returns the traversal with features, D x F, in place of its pictures; it ends with them.
