@@ -47,6 +47,12 @@ void Environment::reset(const msg::TaskSettings& settings) {
     throw Error("the features of " + std::to_string(agents()) + " agents x " + std::to_string(traversal_.dimension) +
                     " do not fit one observation (at most " + std::to_string(msg::MAX_FEATURES) + ")",
                 "TaskSettings.by_reference", "ask for observations by reference, or host fewer agents");
+  if (!traversal_.unmatched.empty()) {
+    const auto begin = traversal_.unmatched.begin() + settings.first_frame();
+    if (std::count(begin, begin + settings.frames(), false) < 2)
+      throw Error("traversal '" + traversal_.name + "' shows fewer than 2 places of the route", "TaskSettings.frames",
+                  "ask for another part of it");
+  }
   settings_ = settings;
   step_ = 0;
   finished_.clear();
@@ -75,9 +81,16 @@ int Environment::on_route(int place) const {
   return std::clamp(place - static_cast<int>(settings_.first_frame()), 0, static_cast<int>(settings_.frames()) - 1);
 }
 
+bool Environment::is_unmatched(int place) const {
+  return !traversal_.unmatched.empty() &&
+         traversal_.unmatched[settings_.first_frame() + static_cast<std::size_t>(place)];
+}
+
 /// Draws the place where an agent begins. A robot begins where it stands.
 int Environment::place_to_begin(AgentState& agent) const {
-  const int drawn = static_cast<int>(agent.random.below(settings_.frames()));
+  int drawn;
+  do drawn = static_cast<int>(agent.random.below(settings_.frames()));
+  while (is_unmatched(drawn));
   return robot_ ? on_route(robot_->place) : drawn;
 }
 
@@ -89,8 +102,12 @@ std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
 /// Returns the place to which the robot is sent, or draws one that is not where the agent stands.
 int Environment::goal_to_begin(AgentState& agent) {
   if (external_goals_) return on_route(*std::exchange(next_goal_, std::nullopt));
-  const int drawn = static_cast<int>(agent.random.below(settings_.frames() - 1));
-  return drawn < agent.frame ? drawn : drawn + 1;
+  int drawn;
+  do {
+    drawn = static_cast<int>(agent.random.below(settings_.frames() - 1));
+    if (drawn >= agent.frame) ++drawn;
+  } while (is_unmatched(drawn));
+  return drawn;
 }
 
 void Environment::begin_episode(AgentState& agent) {

@@ -95,6 +95,7 @@ class Environment {
   int goal_to_begin(AgentState& agent);
   int on_route(int place) const;
   int place_to_begin(AgentState& agent) const;
+  bool is_unmatched(int place) const;
   void begin_task(AgentState& agent, int task);
   std::uint8_t allowed(int frame) const;
   static bool waits(const AgentState& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }

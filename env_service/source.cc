@@ -77,9 +77,10 @@ void add_selection_options(CLI::App& app, Selection& selection, const std::strin
   app.add_option("--align-to", selection.align,
                  "Align frames to this sibling traversal; --frames, --metres and --step then refer to it")
       ->type_name("NAME");
-  app.add_option("--align-by", selection.by, "How to match the frames of both: as the dataset suggests, or another way")
+  app.add_option("--align-by", selection.by,
+                 "How to match the frames of both: as the dataset suggests, or another way; sight: by what they show")
       ->capture_default_str()
-      ->check(CLI::IsMember({"dataset", "index", "matches", "distance", "gps"}));
+      ->check(CLI::IsMember({"dataset", "index", "matches", "distance", "gps", "sight"}));
   app.add_option("--align-within", selection.tolerance,
                  "Largest distance to the nearest frame, metres (for distance and gps)")
       ->capture_default_str()

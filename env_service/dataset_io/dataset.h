@@ -18,6 +18,7 @@ enum class Correspondence {
   kMatches,   ///< by the dataset's own match file
   kDistance,  ///< by metres along the route, both starting at the same place
   kGps,       ///< by the nearest latitude and longitude
+  kSight,     ///< by what the frames look like
 };
 
 /// What load() does not take of a traversal's files, a line each.

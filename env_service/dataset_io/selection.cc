@@ -9,6 +9,7 @@
 
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/alignment.h"
+#include "env_service/dataset_io/sight.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
@@ -62,7 +63,10 @@ std::vector<int> cut(const Traversal& traversal, const Selection& selection) {
   return frames;
 }
 
-std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Selection& selection) {
+/// Returns the frames of `traversal` at the places of those cut out of its sibling. Sets `unmatched` where some have
+/// none.
+std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Selection& selection,
+                         std::vector<bool>& unmatched) {
   if (selection.align == traversal.name) throw Error("is the traversal itself", "--align-to", "name a sibling");
   const Traversal sibling = dataset.load(selection.align);
   const std::vector<int> frames = cut(sibling, selection);
@@ -75,11 +79,21 @@ std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Sel
     by = Correspondence::kDistance;
   } else if (selection.by == "gps") {
     by = Correspondence::kGps;
+  } else if (selection.by == "sight") {
+    by = Correspondence::kSight;
   } else if (selection.by != "dataset") {
-    throw Error("unknown way '" + selection.by + "'", "--align-by", "known: dataset, index, matches, distance, gps");
+    throw Error("unknown way '" + selection.by + "'", "--align-by",
+                "known: dataset, index, matches, distance, gps, sight");
+  }
+  SightAlignment alignment;
+  if (by == Correspondence::kSight) {
+    alignment = align_by_sight(sibling, frames, traversal);
+    spdlog::info(alignment.summary);
+    unmatched = alignment.unmatched;
   }
   const std::vector<int> found =
-      by == Correspondence::kGps ? align_by_gps(sibling, frames, traversal, selection.tolerance)
+      by == Correspondence::kSight ? alignment.found
+      : by == Correspondence::kGps ? align_by_gps(sibling, frames, traversal, selection.tolerance)
       : by == Correspondence::kMatches
           ? align_by_matches(sibling, frames, traversal, dataset.matches(sibling.name, traversal.name))
       : by == Correspondence::kDistance ? align_by_distance(sibling, frames, traversal, selection.tolerance)
@@ -127,16 +141,17 @@ std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames,
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
   check(selection);
   Traversal traversal = dataset.load(name);
+  std::vector<bool> unmatched;
   const std::vector<int> frames =
-      selection.align.empty() ? cut(traversal, selection) : aligned(dataset, traversal, selection);
+      selection.align.empty() ? cut(traversal, selection) : aligned(dataset, traversal, selection, unmatched);
   std::vector<int> all(static_cast<std::size_t>(traversal.frames));
   std::iota(all.begin(), all.end(), 0);
   if (traversal.images) {
     std::vector<int> shown = without_bad_ones(*traversal.images, frames, selection.skip_bad_frames);
     if (shown != all) traversal.images = picked(traversal.images, std::move(shown));
   }
-  if (frames == all) return traversal;
-  traversal.keep(frames);
+  if (frames != all) traversal.keep(frames);
+  traversal.unmatched = std::move(unmatched);
   return traversal;
 }
 

@@ -27,7 +27,7 @@ struct Selection {
 
   // Alignment.
   std::string align = {};      ///< --align-to: the sibling; empty: none
-  std::string by = "dataset";  ///< --align-by: dataset (as it suggests), index, matches, distance, gps
+  std::string by = "dataset";  ///< --align-by: dataset (as it suggests), index, matches, distance, gps, sight
   double tolerance = 25;  ///< --align-within, metres: a place without a frame this near is an Error (gps, distance)
 
   bool skip_bad_frames =

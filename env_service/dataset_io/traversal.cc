@@ -31,6 +31,7 @@ void Traversal::keep(const std::vector<int>& kept) {
   pick(x, kept);
   pick(y, kept);
   pick(times, kept);
+  pick(unmatched, kept);
   frames = static_cast<int>(kept.size());
 }
 

@@ -28,6 +28,7 @@ struct Traversal {
   std::vector<double> longitude;   ///< F, degrees east, NaN where unknown; or empty
   std::vector<double> x, y;        ///< F, metres of any plane, as odometry has them, NaN where unknown; or empty
   std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
+  std::vector<bool> unmatched;     ///< F, frames that show another place than a sibling's: no task is there; or empty
   std::string places_from;         ///< what tells where frames are, a file below the folder or "EXIF"; or empty
 
   std::span<const float> feature(int frame) const {

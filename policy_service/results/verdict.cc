@@ -119,8 +119,8 @@ std::string advice(Cause cause, const Group& group) {
           range(group.shortest_completed, 0));
     case Cause::kPairs:
       return fmt::format(
-          "The pairs are wrong there: by what they show, frames of one index are about {} places apart. Tell which "
-          "frames show the same place (--align-by, or DIR/matches.csv).",
+          "The pairs are wrong there: by what they show, frames of one index are about {} places apart. Have "
+          "them matched by what they show (--align-by sight), or tell which show the same place (DIR/matches.csv).",
           range(group.apart, 0));
     case Cause::kAlike:
       return fmt::format(

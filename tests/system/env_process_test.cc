@@ -51,9 +51,10 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   EXPECT_EQ(output({"--list-traversals"}, 0), "summer\nfall\nwinter\nnight\novercast\nrain\nshifted\n");
   EXPECT_EQ(output({"--list-traversals", "--synthetic-images", "0"}, 0), "summer\nfall\nwinter\nnight\n");
   EXPECT_EQ(output({"--show", "--frames", "3:20"}, 0),
-            "dataset synthetic\ntraversal summer\nframes 17\nimages yes\nfeatures 0\n");
-  EXPECT_EQ(output({"--show", "--frames", "3:20", "--slip", "0.1", "--blurred-frames", "0.5"}, 0),
-            "dataset synthetic\ntraversal summer-slip0.1-blur0.5\nframes 17\nimages yes\nfeatures 0\n");
+            "dataset synthetic\ntraversal summer\nframes 17\nimages yes\nfeatures 0\nmatched by index\n");
+  EXPECT_EQ(
+      output({"--show", "--frames", "3:20", "--slip", "0.1", "--blurred-frames", "0.5"}, 0),
+      "dataset synthetic\ntraversal summer-slip0.1-blur0.5\nframes 17\nimages yes\nfeatures 0\nmatched by index\n");
   write("b b.csv", "1\n2\n");
   EXPECT_TRUE(contains(output({"--show", "--data", folder_.path(), "--traversal", "b b", "--kidnappings", "1"}, 0),
                        "\ntraversal b_b-kidnap1\n"));

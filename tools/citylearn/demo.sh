@@ -25,8 +25,10 @@ What it runs on
   --dataset NAME       format of DIR (default: what "$COMMAND data check"
                        recognises); "$COMMAND data list" shows all
   --align-by HOW       how to find the same places in other recordings: index,
-                       matches, distance or gps (default: as the dataset
-                       suggests); --align-within METRES is for the last two
+                       matches, distance, gps, or sight, by what they show
+                       (default: as the dataset suggests; sight, where it
+                       suggests index and recordings differ in length);
+                       --align-within METRES is for distance and gps
   --encoder NAME       how images become features (default hog_vlad);
                        "$COMMAND encoder --list" shows all. FILE.py is
                        a function of yours. Options of the encoder may follow:
@@ -341,14 +343,39 @@ demo() {
   local agents; agents=$("$policy" "${pass[@]}" --show-config) || exit 1
   agents=$(awk '$1 == "--trainer-agents" { print $2 }' <<<"$agents")
   agents=${agents:-16}   # with --mode evaluate any number will do
-  # Sets `dataset`, `kind` (whether it has images, yes or no) and `length` of the traversal $1.
+  # Sets `dataset`, `kind` (whether it has images, yes or no), `pairs` (how they are found) and `length` of the traversal $1.
+  local -A looked=()   # what was shown before
   look_at() {
-    local shown same=()
-    [ "$1" = "$route" ] || [ ${#aligning[@]} -eq 0 ] || same=(--align-to "$route" "${aligning[@]}")
-    shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" "${same[@]}" "${world[@]}" --show) || return 1
+    local same=(); [ "$1" = "$route" ] || [ ${#aligning[@]} -eq 0 ] || same=(--align-to "$route" "${aligning[@]}")
+    local words=(--traversal "$1" "${part[@]}" "${same[@]}"); local shown=${looked[${words[*]}]:-}
+    [ -n "$shown" ] || shown=$("$env" "${source[@]}" "${words[@]}" "${world[@]}" --show) || return 1
+    looked[${words[*]}]=$shown pairs=$(sed -n 's/^matched by //p' <<<"$shown")
     dataset=$(sed -n 's/^dataset //p' <<<"$shown")
     kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
     called[$1]=$(sed -n 's/^traversal //p' <<<"$shown")
+  }
+  # Matches recordings of unequal lengths among $1 (A,B; empty: all) by what they show, if they show the same places: frames of
+  # one index hardly do.
+  match_by_sight() {
+    local of_part=("${part[@]}") all=${1//,/$'\n'} same=() unequal='' first
+    part=()
+    look_at "$route" && first=$length || return 0
+    while IFS= read -r name; do
+      look_at "$name" 2>/dev/null && [ "$kind" = "$images" ] || continue
+      same+=("$name")
+      [ "$length" = "$first" ] || unequal="'$route' has $first frames and '$name' $length"
+    done <<<"${all:-$known}"
+    part=("${of_part[@]}")
+    [ -n "$unequal" ] || return 0
+    aligning=(--align-by sight)
+    [ ${#part[@]} -gt 0 ] || part=(--frames "0:$((first < count ? first : count))")
+    for name in "${same[@]}"; do
+      look_at "$name" && continue
+      aligning=() part=("${of_part[@]}")
+      notes+=("$unequal: frames of one index are taken for one place; --align-by and matches.csv tell otherwise")
+      return 0
+    done
+    notes+=("$unequal: frames that look alike are taken for one place, as by --align-by sight")
   }
   [ -n "$slip" ] || { slip=0.1; notes+=("actions slip, one in ten, which no policy is told; --slip 0 is a world where none does"); }
   world+=(--slip "$slip")
@@ -356,8 +383,9 @@ demo() {
   names_of() {
     tr ',' '\n' <<<"$1" | while IFS= read -r name; do [ -z "$name" ] || printf '%s\n' "${called[$name]:-$name}"; done | paste -sd ,
   }
-  local kind length; look_at "$route" || exit 1
+  local kind length pairs; look_at "$route" || exit 1
   local images=$kind whole=$length shortest=$length name
+  [ ${#aligning[@]} -gt 0 ] || [ "$pairs" != index ] || match_by_sight "${evaluate:+$train,$evaluate}"
   [ -n "$frames" ] || [ ${#aligning[@]} -eq 0 ] || part=(--frames "0:$((length < count ? length : count))")
   if [ -z "$frames" ] || [ -z "$evaluate" ]; then
     local all=${evaluate:+$train,$evaluate} given=$evaluate

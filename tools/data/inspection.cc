@@ -8,12 +8,14 @@
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <set>
 #include <sstream>
 #include <unordered_set>
 
 #include "core/files/image_header.h"
 #include "core/util/text.h"
+#include "env_service/dataset_io/sight.h"
 #include "env_service/files/files.h"
 #include "env_service/images/image_sources.h"
 
@@ -21,6 +23,8 @@ namespace citylearn {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+constexpr int kFewestCompared = 48;  // frames; fewer tell too little
 
 /// Returns the JSON's text. Bytes that are not UTF-8 are replaced.
 std::string dumped(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace); }
@@ -68,6 +72,25 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
   }
 }
 
+/// Adds a line for each recording whose frames do not show the places of those of equal index of "summer", or else of
+/// the first one, as far as their pictures tell.
+void compare_by_sight(const std::vector<Traversal>& traversals, Inspection& found) {
+  const Traversal* route = nullptr;
+  for (const Traversal& one : traversals)
+    if (one.images && one.frames >= kFewestCompared && (!route || one.name == "summer")) route = &one;
+  if (!route) return;
+  std::vector<int> frames(static_cast<std::size_t>(route->frames));
+  std::iota(frames.begin(), frames.end(), 0);
+  for (const Traversal& other : traversals)
+    if (&other != route && other.images && other.frames >= kFewestCompared) try {
+        const SightAlignment alignment = align_by_sight(*route, frames, other);
+        if (alignment.elsewhere || !alignment.unmatched.empty())
+          found.notes.push_back(alignment.summary + " (--align-by sight)");
+      } catch (const Error& error) {
+        found.notes.push_back(error.what());
+      }
+}
+
 }  // namespace
 
 Inspection inspect(Dataset& dataset, const std::string& folder, const std::function<bool(long, long)>& progress) {
@@ -103,9 +126,12 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   const auto [least, most] =
       std::minmax_element(traversals.begin(), traversals.end(), [](auto& a, auto& b) { return a.frames < b.frames; });
   if (least != most && least->frames != most->frames && dataset.correspondence() == Correspondence::kIndex)
-    inspection.notes.push_back(least->name + " has " + std::to_string(least->frames) + " frames and " + most->name +
-                               " " + std::to_string(most->frames) +
-                               ": frames of equal index must show the same place, or be matched with --align-by");
+    inspection.notes.push_back(
+        least->name + " has " + std::to_string(least->frames) + " frames and " + most->name + " " +
+        std::to_string(most->frames) +
+        ": frames of equal index must show the same place, or be matched, as with --align-by sight");
+  if (dataset.correspondence() == Correspondence::kIndex && !dataset.distinctive())
+    compare_by_sight(traversals, inspection);
   return inspection;
 }
 

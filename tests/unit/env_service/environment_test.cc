@@ -305,5 +305,31 @@ TEST(EnvironmentScene, TellsWhereAgentsAreWhereTheyCameFromAndWhereTheyGo) {
   }
 }
 
+TEST(Environment, NoTaskBeginsOrEndsWhereAPlaceIsNotShown) {
+  Traversal traversal = small_traversal(6);
+  traversal.unmatched = {true, false, false, true, true, false};
+  Environment environment(traversal, 4);
+  std::set<int> begins, goals;
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    environment.reset(settings(msg::EVALUATE, 6, 20, seed));
+    msg::Observation observation;
+    environment.observe(observation);
+    for (int agent = 0; agent < 4; ++agent) {
+      begins.insert(static_cast<int>(observation.position()[static_cast<std::size_t>(agent)]));
+      goals.insert(environment.goal(agent));
+      EXPECT_NE(environment.goal(agent), static_cast<int>(observation.position()[static_cast<std::size_t>(agent)]));
+    }
+  }
+  EXPECT_EQ(begins, (std::set<int>{1, 2, 5}));
+  EXPECT_EQ(goals, begins);
+  EXPECT_EQ(
+      error_of([&] {
+        msg::TaskSettings end = settings(msg::TRAIN, 3, 20);
+        end.first_frame() = 3;
+        environment.reset(end);
+      }),
+      "TaskSettings.frames: traversal 'line' shows fewer than 2 places of the route (ask for another part of it)");
+}
+
 }  // namespace
 }  // namespace citylearn::testing

@@ -169,8 +169,8 @@ TEST(Verdict, BlamesThePairsBeforeTheFramesOrTheAgent) {
                     {{}, {{"fast", {.apart = 17}}, {"fall", {}}, {"park", {.unlike = true}}}}),
             "features finds its way only in part in fast (SPL 0.730).\n"
             "  The pairs are wrong there: by what they show, frames of one index are about 17\n"
-            "  places apart. Tell which frames show the same place (--align-by, or\n"
-            "  DIR/matches.csv).\n"
+            "  places apart. Have them matched by what they show (--align-by sight), or tell\n"
+            "  which show the same place (DIR/matches.csv).\n"
             "features finds its way only in part in park (SPL 0.600).\n"
             "  No part of it looks like the training's, in whatever order: it may show\n"
             "  another street, or nothing that tells places apart. Look at it (citylearn data\n"
