@@ -77,6 +77,9 @@ class Bytes(unittest.TestCase):
         self.assertEqual(len(long), 90 + 2 + 16)
         with self.assertRaisesRegex(ValueError, "'a b' must have 1 to 64 of"):
             messages.Peer("a b")
+        for wrong in {"domain": 500}, {"domain": DOMAIN, "interface": "192.0.2.1"}:
+            with self.assertRaisesRegex(OSError, "cannot join domain .* must be an address of this host"):
+                messages.Peer("python", **wrong)
 
 
 class Learner(unittest.TestCase):

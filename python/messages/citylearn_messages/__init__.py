@@ -9,7 +9,7 @@ import socket
 import threading
 import time
 
-from cyclonedds.core import ReadCondition, SampleState, ViewState, InstanceState, WaitSet
+from cyclonedds.core import DDSException, ReadCondition, SampleState, ViewState, InstanceState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
@@ -69,11 +69,16 @@ class Peer:
                 raise ValueError(f"'{name}' must have 1 to 64 of A-Z a-z 0-9 . _ -, not dots alone")
         self.sender, self.session, self.incarnation = sender, session, time.time_ns() // 1000
         hosts = "".join(f'<Peer address="{peer}"/>' for peer in peers)
-        self._domain = None if "CYCLONEDDS_URI" in os.environ else Domain(domain, (
+        network = (
             f'<General><Interfaces><NetworkInterface address="{interface}" multicast="false"/></Interfaces>'
             "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-            f"<MaxAutoParticipantIndex>47</MaxAutoParticipantIndex><Peers>{hosts}</Peers></Discovery>"))
-        self.participant = DomainParticipant(domain)
+            f"<MaxAutoParticipantIndex>47</MaxAutoParticipantIndex><Peers>{hosts}</Peers></Discovery>")
+        try:
+            self._domain = None if "CYCLONEDDS_URI" in os.environ else Domain(domain, network)
+            self.participant = DomainParticipant(domain)
+        except DDSException as error:
+            raise OSError(f"cannot join domain {domain} (0..230, one Peer a process) by {interface}, which must be an address of "
+                          f"this host: {error.msg}") from None
         self._waitset, self._writers = WaitSet(self.participant), []
         self._status = [self.writer("ServiceStatus", to) for to in (sender, "")]
         self._status_fields = {"service": service, "host": socket.gethostname()[:64], "middleware": "cyclonedds",
