@@ -3,6 +3,7 @@
 when says docs/how-to/write-a-peer.md, what each field means the folder idl/ beside this file."""
 
 import hashlib
+import logging
 import os
 import re
 import socket
@@ -97,11 +98,21 @@ class Peer:
         return Writer(self, message, self._writers[-1])
 
     def reader(self, message, service=""):
-        """Returns a function that takes what has come on a topic: messages of this protocol and session."""
+        """Returns a function that takes what has come on a topic: messages of this protocol and session. What cannot be decoded
+        is dropped and logged, with what came beside it: senders send that again."""
         reader = self._endpoint(DataReader, message, service, READER_DEPTH)
         self._waitset.attach(ReadCondition(reader, ANY))
-        return lambda: [sample for sample in reader.take(READER_DEPTH) if isinstance(sample, Message) and
-                        sample.header.protocol == PROTOCOL and sample.header.session in (self.session, "")]
+
+        def take():
+            try:
+                samples = reader.take(READER_DEPTH)
+            except ValueError as error:
+                logging.getLogger(__name__).warning("drops a message: %s", error)
+                samples = []
+            return [sample for sample in samples if isinstance(sample, Message) and sample.header.protocol == PROTOCOL and
+                    sample.header.session in (self.session, "")]
+
+        return take
 
     def wait(self, seconds):
         """Waits until a reader has something, so long at most."""
