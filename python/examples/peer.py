@@ -18,16 +18,17 @@ def choose(seen):
 
 
 with Peer("python", session=options.session, domain=options.domain) as peer:
-    infos, info = peer.reader("TraversalInfo"), None
+    infos, info, heard = peer.reader("TraversalInfo"), None, time.monotonic()
     while not info:
+        if time.monotonic() > heard + 30:
+            sys.exit(f"no env_service on '{options.traversal}' within 30 s: is it in this session and domain?")
         peer.wait(1)
         info = next((one for one in infos() if one.traversal == options.traversal), None)
     env, incarnation = info.header.sender, info.header.incarnation
     observations, episodes = peer.reader("Observation", env), peer.reader("EpisodeStat")
     command, act, acknowledge = (peer.writer(name, env) for name in ("TaskSettings", "Action", "EpisodeAcknowledgement"))
     settings, spl, recorded, step, ended = SettingsId(peer.incarnation, 1), [], 0, 0, False
-    heard = begun = time.monotonic()
-    resend = acknowledged = 0
+    heard, resend, acknowledged = time.monotonic(), 0, 0
     while not ended or len(spl) < options.tasks:
         now = time.monotonic()
         if now > heard + 10 or any(one.header.sender == env and one.header.incarnation != incarnation for one in infos()):

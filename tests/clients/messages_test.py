@@ -6,8 +6,10 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 from array import array
+from unittest import mock
 
 from support import BUILD, SOURCE, DRAWN
 from actors import DOMAIN, env_services, running
@@ -77,9 +79,33 @@ class Bytes(unittest.TestCase):
         self.assertEqual(len(long), 90 + 2 + 16)
         with self.assertRaisesRegex(ValueError, "'a b' must have 1 to 64 of"):
             messages.Peer("a b")
+        for wrong in {"domain": 500}, {"domain": DOMAIN, "interface": "192.0.2.1"}:
+            with self.assertRaisesRegex(OSError, "cannot join domain .* must be an address of this host"):
+                messages.Peer("python", **wrong)
 
 
 class Learner(unittest.TestCase):
+    def test_what_cannot_be_decoded_is_dropped(self):
+        with messages.Peer("python", domain=DOMAIN) as peer:
+            take, write = peer.reader("ServiceStatus"), peer.writer("ServiceStatus").write
+            write(service="before")
+            with self.assertLogs("citylearn_messages") as said:
+                serialize = messages.ServiceStatus.serialize
+                with mock.patch.object(messages.ServiceStatus, "serialize", lambda message, **_: serialize(message).replace(
+                        b"wrong", b"wr\xffng")):  # not UTF-8, which Cyclone DDS lets pass
+                    write(service="wrong")
+                self.wait_for(peer, take, lambda _: said.output)
+            write(service="after")
+            self.wait_for(peer, take, lambda seen: "after" in seen)
+        self.assertRegex(said.output[0], "drops a message: ServiceStatus.service: .* byte 0xff")
+
+    def wait_for(self, peer, take, condition):
+        deadline, seen = time.monotonic() + 20, set()
+        while not condition(seen):
+            self.assertLess(time.monotonic(), deadline)
+            peer.wait(0.1)
+            seen |= {one.service for one in take()}
+
     def test_it_completes_every_task_over_both_vendors(self):
         program = SOURCE / "python/examples/peer.py"
         self.assertLessEqual(len(program.read_text().splitlines()), 60)

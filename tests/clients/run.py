@@ -37,7 +37,9 @@ def call(*command):
 
 def python_of(name):
     """Returns the Python of an environment, which is made where it is not there or has other packages."""
-    packages = CLIENTS["environments"][name]["packages"]
+    packages, newest = (CLIENTS["environments"][name].get(each) for each in ("packages", "newest_python"))
+    if newest and [*sys.version_info[:2]] > newest:
+        skip(f"{packages[0]} has no wheel for Python {sys.version.split()[0]}")
     folder = Path(os.environ.get("CITYLEARN_CLIENTS", BUILD / "clients")) / name
     folder.parent.mkdir(parents=True, exist_ok=True)
     made, wanted = folder / "packages", "\n".join([sys.version, *packages])

@@ -3,13 +3,14 @@
 when says docs/how-to/write-a-peer.md, what each field means the folder idl/ beside this file."""
 
 import hashlib
+import logging
 import os
 import re
 import socket
 import threading
 import time
 
-from cyclonedds.core import ReadCondition, SampleState, ViewState, InstanceState, WaitSet
+from cyclonedds.core import DDSException, ReadCondition, SampleState, ViewState, InstanceState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
@@ -69,11 +70,16 @@ class Peer:
                 raise ValueError(f"'{name}' must have 1 to 64 of A-Z a-z 0-9 . _ -, not dots alone")
         self.sender, self.session, self.incarnation = sender, session, time.time_ns() // 1000
         hosts = "".join(f'<Peer address="{peer}"/>' for peer in peers)
-        self._domain = None if "CYCLONEDDS_URI" in os.environ else Domain(domain, (
+        network = (
             f'<General><Interfaces><NetworkInterface address="{interface}" multicast="false"/></Interfaces>'
             "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-            f"<MaxAutoParticipantIndex>47</MaxAutoParticipantIndex><Peers>{hosts}</Peers></Discovery>"))
-        self.participant = DomainParticipant(domain)
+            f"<MaxAutoParticipantIndex>47</MaxAutoParticipantIndex><Peers>{hosts}</Peers></Discovery>")
+        try:
+            self._domain = None if "CYCLONEDDS_URI" in os.environ else Domain(domain, network)
+            self.participant = DomainParticipant(domain)
+        except DDSException as error:
+            raise OSError(f"cannot join domain {domain} (0..230, one Peer a process) by {interface}, which must be an address of "
+                          f"this host: {error.msg}") from None
         self._waitset, self._writers = WaitSet(self.participant), []
         self._status = [self.writer("ServiceStatus", to) for to in (sender, "")]
         self._status_fields = {"service": service, "host": socket.gethostname()[:64], "middleware": "cyclonedds",
@@ -92,11 +98,21 @@ class Peer:
         return Writer(self, message, self._writers[-1])
 
     def reader(self, message, service=""):
-        """Returns a function that takes what has come on a topic: messages of this protocol and session."""
+        """Returns a function that takes what has come on a topic: messages of this protocol and session. What cannot be decoded
+        is dropped and logged, with what came beside it: senders send that again."""
         reader = self._endpoint(DataReader, message, service, READER_DEPTH)
         self._waitset.attach(ReadCondition(reader, ANY))
-        return lambda: [sample for sample in reader.take(READER_DEPTH) if isinstance(sample, Message) and
-                        sample.header.protocol == PROTOCOL and sample.header.session in (self.session, "")]
+
+        def take():
+            try:
+                samples = reader.take(READER_DEPTH)
+            except ValueError as error:
+                logging.getLogger(__name__).warning("drops a message: %s", error)
+                samples = []
+            return [sample for sample in samples if isinstance(sample, Message) and sample.header.protocol == PROTOCOL and
+                    sample.header.session in (self.session, "")]
+
+        return take
 
     def wait(self, seconds):
         """Waits until a reader has something, so long at most."""

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One file from a picture to an action, read by OpenCV's ONNX importer and run by its DNN module. tests/clients runs such
-// a file in ONNX Runtime.
+// One file from a picture to an action, read by OpenCV's ONNX importer and run by its DNN module. tests/clients runs
+// such a file in ONNX Runtime.
 #include "tools/export/picture_export.h"
 
 #include <gtest/gtest.h>
