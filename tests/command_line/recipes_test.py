@@ -189,6 +189,7 @@ class Recipes(CommandLine):
         by_sight, = self.take("train-on-your-recordings", "./run demo --data DIR --align-by sight")
         for picture in sorted((self.hosts["DIR"] / "winter").iterdir())[20:60:2]:
             picture.unlink()
+        self.assertRegex(self.run_command(*check), r"winter: (5\d|60) of 60 frames show places of summer.*--align-by sight")
         short = [*SHORT, "--no-dashboard"]
         self.assertRegex(self.run_command(*by_sight, *short), r"winter: (5\d|60) of 60 frames show places of summer")
         by_sight[by_sight.index("--align-by"):] = []
