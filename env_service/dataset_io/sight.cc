@@ -62,20 +62,15 @@ std::vector<int> counterparts_of(const std::vector<std::pair<int, int>>& pairs, 
   return result;
 }
 
-template <class Number>
-Number median(std::vector<Number> numbers) {
-  const auto middle = numbers.begin() + static_cast<std::ptrdiff_t>(numbers.size() / 2);
-  std::nth_element(numbers.begin(), middle, numbers.end());
-  return *middle;
-}
-
 /// Returns the median, 0 where nothing tells, of how many counterparts lie from frame to frame.
 double median_speed(const std::vector<int>& counterparts) {
   std::vector<double> speeds;
   for (std::size_t i = kSpeedFrames; i < counterparts.size(); ++i)
     if (std::all_of(&counterparts[i - kSpeedFrames], &counterparts[i] + 1, [](int frame) { return frame >= 0; }))
       speeds.push_back(static_cast<double>(counterparts[i] - counterparts[i - kSpeedFrames]) / kSpeedFrames);
-  return speeds.empty() ? 0 : median(speeds);
+  const auto middle = speeds.begin() + static_cast<std::ptrdiff_t>(speeds.size() / 2);
+  std::nth_element(speeds.begin(), middle, speeds.end());
+  return speeds.empty() ? 0 : *middle;
 }
 
 Eigen::MatrixXf describe(const Traversal& traversal, int first, int count, int step) {
@@ -116,15 +111,16 @@ SightAlignment align_by_sight(const Traversal& sibling, const std::vector<int>& 
   fill_holes(shown, longest);
   const std::vector<std::pair<int, int>> strange = fill_holes(seen, longest);
   SightAlignment alignment;
-  std::vector<int> apart;
+  std::size_t matched = 0, apart = 0;
   for (const int frame : frames) {
     alignment.found.push_back(shown[static_cast<std::size_t>(frame)]);
-    if (alignment.found.back() >= 0) apart.push_back(std::abs(alignment.found.back() - frame));
+    matched += alignment.found.back() >= 0;
+    apart += alignment.found.back() >= 0 && std::abs(alignment.found.back() - frame) >= kFewestApart;
   }
-  if (!match.clear || apart.size() < 2)
+  if (!match.clear || matched < 2)
     throw Error(fmt::format("no order of the frames of {} looks like those of {}", traversal.name, sibling.name), where,
                 "does it show another street, or the way back? Look at both, or align another way");
-  alignment.elsewhere = median(apart) >= kFewestApart;
+  alignment.elsewhere = 5 * apart > matched;
   const std::vector<std::pair<int, int>> missed = fill_holes(alignment.found, 0);
   if (!missed.empty()) alignment.unmatched.assign(frames.size(), false);
   for (const auto& [begin, last] : missed) {

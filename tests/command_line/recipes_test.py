@@ -187,6 +187,14 @@ class Recipes(CommandLine):
         self.assertIn("in summer, where it trained", self.run_command(*demo, "--tasks", "200"))
         places, = self.take("measure-place-recognition", "./run vpr --data DIR")
         self.assertRegex(self.run_command(*places), r"patchnorm.*winter|winter.*patchnorm")
+        by_sight, = self.take("train-on-your-recordings", "./run demo --data DIR --align-by sight")
+        for picture in sorted((self.hosts["DIR"] / "winter").iterdir())[20:60:2]:
+            picture.unlink()
+        self.assertRegex(self.run_command(*check), r"winter: (5\d|60) of 60 frames show places of summer.*--align-by sight")
+        short = [*SHORT, "--no-dashboard"]
+        self.assertRegex(self.run_command(*by_sight, *short), r"winter: (5\d|60) of 60 frames show places of summer")
+        by_sight[by_sight.index("--align-by"):] = []
+        self.assertRegex(self.run_command(*by_sight, *short), r"'winter' 60: frames that look alike are taken for one place")
 
     def test_a_training_ends_in_time_and_seeds_are_compared(self):
         stopped, limited, experiences, seeds, other, table = self.take(

@@ -84,7 +84,7 @@ void compare_by_sight(const std::vector<Traversal>& traversals, Inspection& foun
   for (const Traversal& other : traversals)
     if (&other != route && other.images && other.frames >= kFewestCompared) try {
         const SightAlignment alignment = align_by_sight(*route, frames, other);
-        if (alignment.elsewhere || !alignment.unmatched.empty())
+        if (alignment.elsewhere || other.frames != route->frames)
           found.notes.push_back(alignment.summary + " (--align-by sight)");
       } catch (const Error& error) {
         found.notes.push_back(error.what());
