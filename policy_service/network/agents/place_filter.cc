@@ -18,9 +18,9 @@ namespace {
 
 using namespace place_filter;
 
-/// A differentiable Bayes filter over the route's places with a decision head, both trained by the learner's loss
-/// (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu & Lee, 2018). It is given as knowledge:
-/// the reference frames' features K, the motion of each action, and which actions are masked where.
+/// A Bayes filter over the route's places (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu &
+/// Lee, 2018) with a decision head, which the learner's loss trains. It is given as knowledge: the reference frames'
+/// features K, the motion of each action, and which actions are masked where.
 ///
 /// The belief p over the N places is uniform at an episode's start, and kept as scores l, p = softmax(l). Each step, t
 /// steps into the episode:
@@ -365,7 +365,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
 const NetworkRegistration<PlaceFilter> place_filter_registration{
     "place_filter",
-    "a differentiable Bayes filter over the training route's places with a decision head",
+    "a Bayes filter over the training route's places with a decision head",
     PlaceFilter<NetworkScalar>::parameters(),
     {{"agents", 8},
      {"segment", 64},
