@@ -57,18 +57,6 @@ class Motion {
       to = from;
     }
   }
-  /// to += transpose(A) from, as the backward pass needs.
-  template <class From, class To>
-  void unshift(std::uint8_t action, const From& from, To&& to) const {
-    const std::ptrdiff_t n = from.size() - 1;
-    if (action == kNext) {
-      to.head(n) += from.tail(n);
-    } else if (action == kPrevious) {
-      to.tail(n) += from.head(n);
-    } else {
-      to += from;
-    }
-  }
   /// Moves a belief, which sums to 1.
   template <class From, class To>
   void move(std::uint8_t action, const From& from, To&& to) {
@@ -94,19 +82,6 @@ class Motion {
     moved_.resize(from.size());
     move(action, from, moved_);
     to = (moved_.array() > S(kImpossible)).select(moved_.array().log(), never);
-  }
-  /// Returns the belief after the last move_scores(); only where the motion is not exact().
-  const Vector<S>& moved() const { return moved_; }
-  /// Sets `to` to the transpose of move()'s linear part times `from`, as the backward pass needs.
-  template <class From, class To>
-  void unmove(std::uint8_t action, const From& from, To&& to) {
-    once_ = (1 - slip_) * from;
-    twice_ = slip_ / 2 * from;
-    unshift(action, twice_, once_);
-    if (const std::ptrdiff_t end = end_of(action, from.size()); end >= 0) once_(end) += twice_(end);
-    to = twice_;
-    unshift(action, once_, to);
-    to *= 1 - kidnap_;
   }
 
  private:

@@ -120,7 +120,7 @@ void SparseFilter<S>::advance(const Matrix<S>& features, int frames, S evidence,
 template <class S>
 void SparseFilter<S>::move(SparseStep<S>& step, int frames, bool everywhere) {
   const S kidnap = motion_.kidnap();
-  step.kept = step.first ? S(0) : lost(step) ? S(0.5) : S(1);
+  const S kept = step.first ? S(0) : lost(step) ? S(0.5) : S(1);  // of the belief before
   step.places.clear();
   step.prior.clear();
   if (!step.first)
@@ -132,12 +132,12 @@ void SparseFilter<S>::move(SparseStep<S>& step, int frames, bool everywhere) {
           step.places.push_back(to);
           step.prior.push_back(0);
         }
-        step.prior[static_cast<std::size_t>(slot)] += (1 - kidnap) * step.kept * share * step.before->shares[i];
+        step.prior[static_cast<std::size_t>(slot)] += (1 - kidnap) * kept * share * step.before->shares[i];
       });
   for (const int place : step.places) slots_[static_cast<std::size_t>(place)] = -1;
-  const S elsewhere = step.first ? S(1) : 1 - step.kept + step.kept * step.before->elsewhere;
+  const S elsewhere = step.first ? S(1) : 1 - kept + kept * step.before->elsewhere;
   step.even = ((1 - kidnap) * elsewhere + kidnap) / static_cast<S>(frames);
-  step.after.steps = step.kept < 1 ? S(0) : motion_.later(step.before->steps);
+  step.after.steps = kept < 1 ? S(0) : motion_.later(step.before->steps);
   step.after.doubt = step.first ? S(0) : step.before->doubt;
   array_of(step.prior) += step.even;
   if (!everywhere) return;
@@ -173,7 +173,6 @@ void SparseFilter<S>::see(SparseStep<S>& step, int frames, std::ptrdiff_t column
   auto shares = array_of(step.shares);
   shares = array_of(step.prior) * (weight * (similarity - top)).exp();
   const Vector<S> others = (weight * (probes - top)).exp();
-  step.slope = others.dot(probes.matrix()) / (others.sum() + std::numeric_limits<S>::min());
   step.elsewhere = step.even * static_cast<S>(frames - shares.size()) * others.mean();
   const S active = shares.sum(), total = active + step.elsewhere;
   if (active > 0) {
@@ -215,38 +214,6 @@ void SparseFilter<S>::keep_active(SparseStep<S>& step) {
     after.places.push_back(step.places[static_cast<std::size_t>(i)]);
     after.shares.push_back(share(i));
   }
-}
-
-template <class S>
-S SparseFilter<S>::backward(const SparseStep<S>& step, int frames, const std::vector<S>& by_share, S by_elsewhere,
-                            std::vector<S>& by_before) {
-  const auto shares = array_of(step.shares);
-  const S mean = (shares * array_of(by_share)).sum() + step.elsewhere * by_elsewhere;
-  const Vector<S> by_score = shares * (array_of(by_share) - mean);
-  const S by_others = step.elsewhere * (by_elsewhere - mean);
-  const S by_weight = by_score.dot(array_of(step.similarity).matrix()) + by_others * step.slope;
-  by_before.clear();
-  if (step.first) return by_weight;
-  S by_even = step.even > 0 ? by_others / step.even : S(0);
-  by_prior_.resize(by_score.size());
-  for (std::size_t i = 0; i < step.places.size(); ++i) {
-    const auto index = static_cast<std::ptrdiff_t>(i);
-    by_prior_(index) = step.prior[i] > 0 ? by_score(index) / step.prior[i] : S(0);
-    by_even += by_prior_(index);
-    slots_[static_cast<std::size_t>(step.places[i])] = static_cast<int>(i);
-  }
-  const S remains = (1 - motion_.kidnap()) * step.kept;
-  for (const int place : step.before->places) {
-    S by_moved = 0;
-    spread(motion_, step.action, place, frames, [&](int to, S share) {
-      const int slot = slots_[static_cast<std::size_t>(to)];
-      if (slot >= 0) by_moved += share * by_prior_(slot);
-    });
-    by_before.push_back(remains * by_moved);
-  }
-  by_before.push_back(remains / static_cast<S>(frames) * by_even);
-  for (const int place : step.places) slots_[static_cast<std::size_t>(place)] = -1;
-  return by_weight;
 }
 
 template struct SparseBelief<NetworkScalar>;

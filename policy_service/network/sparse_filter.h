@@ -30,7 +30,7 @@ struct SparseBelief {
   Vector<S> scores(int frames) const;
 };
 
-/// A step of one agent: what happened, what it believes then, and what the backward pass needs.
+/// A step of one agent: what happened, and what it believes then.
 template <class S>
 struct SparseStep {
   const SparseBelief<S>* before = nullptr;  ///< not looked at where `first`
@@ -45,8 +45,7 @@ struct SparseStep {
   SparseBelief<S> after;    ///< without the places that do not matter
 
   std::vector<S> prior, similarity;  ///< of `places`: belief before anything was seen; how much each looks like it
-  S even = 0, kept = 0;              ///< prior of each other place; share of `before` that was not given up
-  S slope = 0;                       ///< mean similarity of other places, by their weight
+  S even = 0;                        ///< prior of each other place
   std::vector<int> active;           ///< indices of the active among `places`
 };
 
@@ -68,10 +67,6 @@ class SparseFilter {
   /// Fills the steps of several agents, on the route's first `frames` places. What is seen weighs
   /// exp(evidence / (1 + tempering * steps) * similarity).
   void advance(const Matrix<S>& features, int frames, S evidence, S tempering, std::span<SparseStep<S>> steps);
-  /// Returns the loss's derivative by the step's weight of the evidence. `by_share` and `by_elsewhere`: derivatives by
-  /// the step's own; `by_before`: sets the derivatives by the shares of `before`, then by its `elsewhere`.
-  S backward(const SparseStep<S>& step, int frames, const std::vector<S>& by_share, S by_elsewhere,
-             std::vector<S>& by_before);
 
  private:
   static constexpr std::ptrdiff_t kProbes = 64;

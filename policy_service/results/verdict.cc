@@ -199,14 +199,16 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
   const Table table = table_of(rows), completed = table_of(rows, &Score::completed, 100);
   if (table.size() < 2) return "";
   std::map<std::tuple<bool, Fault, Cause>, Group> groups;
-  bool looks = true, finds = false;  // its way, where it did not train
-  std::vector<double> gains;         // of learning, where the agent did not train
+  bool shown = false, looks = false;  // shuffled frames; at what it sees
+  bool finds = false;                 // its way, where it did not train
+  std::vector<double> gains;          // of learning, where the agent did not train
   for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
     const auto own = find(table, agent, traversal), shuffled = find(table, "shuffled", traversal);
     if (!own) continue;
     const auto blind = agent == "blind" ? std::nullopt : find(table, "blind", traversal);
     const auto filter = find(table, "sequence_filter", traversal), oracle = find(table, "oracle_filter", traversal);
-    if (shuffled && *shuffled >= *own - kSplTolerance) looks = false;
+    shown = shown || shuffled;
+    looks = looks || (shuffled && *shuffled < *own - kSplTolerance);
     const auto shortest = find(completed, "shortest_path", traversal);
     const Fault fault = fault_of(*own, blind, filter);
     const bool trained =
@@ -238,7 +240,8 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows,
     if (finds && options.world.empty() && std::abs(gain) < kSplTolerance)
       text += wrapped("It pays where actions slip (docs/how-to/try-an-imperfect-world.md).") + "\n";
   }
-  if (!looks) text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";
+  if (shown && !looks)
+    text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";
   return text;
 }
 

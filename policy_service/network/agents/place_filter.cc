@@ -18,9 +18,9 @@ namespace {
 
 using namespace place_filter;
 
-/// A differentiable Bayes filter over the route's places with a decision head, both trained by the learner's loss
-/// (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu & Lee, 2018). It is given as knowledge:
-/// the reference frames' features K, the motion of each action, and which actions are masked where.
+/// A Bayes filter over the route's places (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu &
+/// Lee, 2018) with a decision head, which the learner's loss trains. It is given as knowledge: the reference frames'
+/// features K, the motion of each action, and which actions are masked where.
 ///
 /// The belief p over the N places is uniform at an episode's start, and kept as scores l, p = softmax(l). Each step, t
 /// steps into the episode:
@@ -43,8 +43,8 @@ using namespace place_filter;
 /// agents of twenty learned to walk one way whatever they saw on 3,559 places, where few goals are reached in
 /// training.) The first two inputs also reach the logits of `next` and `previous` directly, times d: an agent that has
 /// learned nothing walks to the side where it believes the goal, as QMDP planning would (Littman et al., 1995; within a
-/// network: Karkus, Hsu & Lee, 2017), on a route of any length. s, h, g, u and d are learned too. The state is l,
-/// then t.
+/// network: Karkus, Hsu & Lee, 2017), on a route of any length. g, u and d are learned too. s and h are not: rewards
+/// ask for a filter that is surer than it may be, and gain nothing by it. The state is l, then t.
 ///
 /// How often actions slip, and agents are kidnapped, is learned unless it is told: the likeliest by where actions led
 /// in training, where each step's place is known (add_model_gradient()). No reward has a say in it, so it is an
@@ -190,57 +190,27 @@ class PlaceFilter : public AgentNetwork<S> {
       work.input_gradient.row(way.input).head(columns) += s.directness * by_logit;
     }
     if (sparse_) work.sparse.backward(inputs, s, work.input_gradient, ds);
-    // The backward pass of filter(). In a function of its own the compiler adds up otherwise, and last bits change.
-    if (!sparse_) work.by_score.setZero(places_, columns);
-    Vector<S>& by_belief = work.column;
-    for (std::ptrdiff_t column = sparse_ ? -1 : columns - 1; column >= 0; --column) {
+    for (std::ptrdiff_t column = sparse_ ? columns : 0; column < columns; ++column) {
       const std::size_t index = static_cast<std::size_t>(column);
-      const std::ptrdiff_t goal = inputs.goal[index];
+      const std::ptrdiff_t goal = inputs.goal[index], rest = places_ - goal - 1;
       const std::uint8_t previous = inputs.previous_action[index];
       const auto belief = work.belief.col(column);
-      by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
       const Turning weight = s.turnings(previous);
       const WeighedSides sides(belief, work.weights, goal, weight);
       const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
       const S mean = (before * sides.before + after * sides.after) / sides.all();
       const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
-      const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
-        part += by * weights;
+      const auto by_side = [&](const auto& of, const auto& weights, const auto& log_distances, S by) {
         ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
       };
-      by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
-              log_distances_.head(goal).reverse(), by_before * weight.before);
-      const std::ptrdiff_t rest = places_ - goal - 1;
-      by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
-              by_after * weight.after);
+      by_side(belief.head(goal), work.weights.head(goal).reverse(), log_distances_.head(goal).reverse(),
+              by_before * weight.before);
+      by_side(belief.tail(rest), work.weights.head(rest), log_distances_.head(rest), by_after * weight.after);
       if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
       if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
-      for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
-        by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
-      });
-      auto by_score = work.by_score.col(column);
-      by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
-
-      const S tempered = 1 / (1 + s.tempering * work.step(column));
-      const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
-      ds.evidence += by_evidence;
-      ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
-      if (column < agents || inputs.first[index]) continue;
-      auto by_score_before = work.by_score.col(column - agents);
-      if (work.motion.exact()) {
-        work.motion.unshift(previous, by_score, by_score_before);
-        continue;
-      }
-      const auto moved = work.moved.col(column).array();
-      work.column = (moved > S(kImpossible)).select(by_score.array() / moved, S(0));
-      const auto from = work.belief.col(column - agents);
-      work.motion.unmove(previous, work.column, work.by_moved);
-      by_score_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
     }
     auto out = layout_.view(gradient, scalars_);
     const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
-    learn(kEvidence, s.evidence, ds.evidence);
-    learn(kTempering, s.tempering, ds.tempering);
     learn(kNearness, s.nearness, ds.nearness);
     learn(kTurning, s.turning, ds.turning);
     learn(kDirectness, s.directness, ds.directness);
@@ -297,18 +267,14 @@ class PlaceFilter : public AgentNetwork<S> {
   };
   struct Work : Workspace<S> {
     Work(const PlaceKeys<S>& keys, const Motion<S>& how) : motion(how), sparse(keys, how) {}
-    Motion<S> motion;                      // with room for its sums
-    Matrix<S> similarities, similarity;    // EN x U; N x U
-    Matrix<S> score, belief;               // N x TB
-    Matrix<S> by_score;                    // N x TB
-    Matrix<S> moved;                       // N x TB, the belief before anything is seen; empty where motion is exact
-    Vector<S> by_moved;                    // N
-    Vector<S> step;                        // TB, of the episode
-    Vector<S> weights;                     // N, of places at distances from 1 on to the goal
-    Matrix<S> head_input, input_gradient;  // inputs x 2 TB: as they are, then mirrored
+    Motion<S> motion;                          // with room for its sums
+    Matrix<S> similarities, similarity;        // EN x U; N x U
+    Matrix<S> score, belief;                   // N x TB
+    Vector<S> step;                            // TB, of the episode
+    Vector<S> weights;                         // N, of places at distances from 1 on to the goal
+    Matrix<S> head_input, input_gradient;      // inputs x 2 TB: as they are, then mirrored
     Matrix<S> layer1, layer2, layer_gradient;  // units x 2 TB
     Matrix<S> both;                            // outputs x 2 TB
-    Vector<S> column;                          // N
     SparsePass<S> sparse;
   };
 
@@ -320,7 +286,6 @@ class PlaceFilter : public AgentNetwork<S> {
     const Motion<S> motion = motion_by(parameters);
     work.motion.set(motion.slip(), motion.kidnap());
     const bool exact = work.motion.exact();
-    if (!exact) work.moved.setOnes(places_, columns);
     work.step.resize(columns);
     work.weights = (-s.nearness * log_distances_).array().exp();
 
@@ -343,7 +308,6 @@ class PlaceFilter : public AgentNetwork<S> {
           work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
         work.step(column) = motion.later(work.step(column - agents));
       }
-      if (!exact && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
       score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
       exclude(inputs.goal[index], inputs.frames, inputs.allowed[index], S(kExclusion), score);
       auto belief = work.belief.col(column);
@@ -401,7 +365,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
 const NetworkRegistration<PlaceFilter> place_filter_registration{
     "place_filter",
-    "a differentiable Bayes filter over the training route's places with a decision head",
+    "a Bayes filter over the training route's places with a decision head",
     PlaceFilter<NetworkScalar>::parameters(),
     {{"agents", 8},
      {"segment", 64},

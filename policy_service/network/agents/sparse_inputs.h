@@ -52,31 +52,23 @@ class SparseInputs {
   }
 
   struct Derivatives {
-    std::vector<S> by_share;  ///< for each place of the step
-    S by_elsewhere = 0, by_nearness = 0;
-    Sides by_sides;  ///< by what read() returned
+    S nearness = 0;
+    Sides sides = {};  ///< by what read() returned
   };
-  /// The backward pass of read(), which returned `sides`.
+  /// Returns derivatives by the nearness and by `sides`, which read() returned.
   template <class ByInputs>
-  void unread(const SparseStep<S>& step, int frames, const Sides& turning, const Sides& sides,
-              const ByInputs& by_inputs, Derivatives& out) const {
+  Derivatives unread(const SparseStep<S>& step, int frames, const Sides& turning, const Sides& sides,
+                     const ByInputs& by_inputs) const {
     const S before = 2 * by_inputs(0), after = 2 * by_inputs(1);
     const S mean = (before * sides.before + after * sides.after) / all(sides);
-    out.by_sides = {(before - mean) / all(sides), (after - mean) / all(sides)};
-    const Sides by{out.by_sides.before * turning.before, out.by_sides.after * turning.after};
-    const int rest = frames - 1 - step.goal;
-    S by_even = by.before * sum(weight_sums_, step.goal) + by.after * sum(weight_sums_, rest);
-    each_scale(step.goal, frames,
-               [&](int input, int count) { by_even += 2 * by_inputs(input) * static_cast<S>(count); });
-    out.by_elsewhere = by_even / static_cast<S>(frames);
-    out.by_nearness = -step.elsewhere / static_cast<S>(frames) *
-                      (by.before * sum(log_sums_, step.goal) + by.after * sum(log_sums_, rest));
-    out.by_share.assign(step.shares.size(), 0);
-    each_place(step, [&](std::size_t i, bool is_after, std::ptrdiff_t distance, int scale) {
-      const S weighed = (is_after ? by.after : by.before) * weights_(distance);
-      out.by_share[i] = weighed + 2 * by_inputs(scale) + 2 * by_inputs(kSharpness) * step.shares[i];
-      out.by_nearness -= step.shares[i] * weighed * logs_(distance);
+    Derivatives out{0, {(before - mean) / all(sides), (after - mean) / all(sides)}};
+    const Sides by{out.sides.before * turning.before, out.sides.after * turning.after};
+    out.nearness = -step.elsewhere / static_cast<S>(frames) *
+                   (by.before * sum(log_sums_, step.goal) + by.after * sum(log_sums_, frames - 1 - step.goal));
+    each_place(step, [&](std::size_t i, bool is_after, std::ptrdiff_t distance, int) {
+      out.nearness -= step.shares[i] * (is_after ? by.after : by.before) * weights_(distance) * logs_(distance);
     });
+    return out;
   }
 
  private:

@@ -8,7 +8,7 @@
 
 namespace citylearn::place_filter {
 
-/// The passes of place_filter where beliefs are sparse, up to the head's inputs, with what the backward pass needs.
+/// The passes of place_filter where beliefs are sparse, up to the head's inputs.
 template <class S>
 class SparsePass {
  public:
@@ -46,38 +46,23 @@ class SparsePass {
 
   /// Adds to the derivatives by the scalars.
   void backward(const NetworkInputs<S>& inputs, const Scalars<S>& s, const Matrix<S>& by_input, Scalars<S>& ds) {
-    const auto agents = static_cast<std::size_t>(inputs.agents);
-    by_before_.resize(steps_.size());
-    for (std::size_t column = steps_.size(); column-- > 0;) {
+    for (std::size_t column = 0; column < steps_.size(); ++column) {
       const SparseStep<S>& step = steps_[column];
       const Sides<S>& sides = sides_[column];
-      inputs_.unread(step, inputs.frames, s.turnings(step.action), sides,
-                     by_input.col(static_cast<std::ptrdiff_t>(column)), by_);
-      ds.nearness += by_.by_nearness;
-      if (step.action == kPrevious) ds.turning += by_.by_sides.before * sides.before / s.turning;
-      if (step.action == kNext) ds.turning += by_.by_sides.after * sides.after / s.turning;
-      if (const std::size_t next = column + agents; next < steps_.size() && !steps_[next].first) {
-        const std::vector<S>& by_next = by_before_[next];  // places that were dropped are elsewhere then
-        by_.by_elsewhere += by_next.back();
-        for (S& by_share : by_.by_share) by_share += by_next.back();
-        for (std::size_t i = 0; i < step.active.size(); ++i)
-          by_.by_share[static_cast<std::size_t>(step.active[i])] += by_next[i] - by_next.back();
-      }
-      const S by_weight = filter_.backward(step, inputs.frames, by_.by_share, by_.by_elsewhere, by_before_[column]);
-      const S tempered = 1 / (1 + s.tempering * step.after.steps);
-      ds.evidence += tempered * by_weight;
-      ds.tempering -= s.evidence * by_weight * tempered * tempered * step.after.steps;
+      const auto by = inputs_.unread(step, inputs.frames, s.turnings(step.action), sides,
+                                     by_input.col(static_cast<std::ptrdiff_t>(column)));
+      ds.nearness += by.nearness;
+      if (step.action == kPrevious) ds.turning += by.sides.before * sides.before / s.turning;
+      if (step.action == kNext) ds.turning += by.sides.after * sides.after / s.turning;
     }
   }
 
  private:
   SparseFilter<S> filter_;
   SparseInputs<S> inputs_;
-  std::vector<SparseBelief<S>> before_;    // B, before the first step
-  std::vector<SparseStep<S>> steps_;       // TB
-  std::vector<Sides<S>> sides_;            // TB, what the inputs have read
-  std::vector<std::vector<S>> by_before_;  // TB
-  typename SparseInputs<S>::Derivatives by_;
+  std::vector<SparseBelief<S>> before_;  // B, before the first step
+  std::vector<SparseStep<S>> steps_;     // TB
+  std::vector<Sides<S>> sides_;          // TB, what the inputs have read
 };
 
 }  // namespace citylearn::place_filter

@@ -151,8 +151,8 @@ TEST(SparseFilter, ActsAsTheDenseFilter) {
   }
 }
 
-/// A kidnapped agent has to be found again, as soon as the dense filter finds it. One that reckons with kidnappings takes
-/// two steps more: at the first the dense filter knows the place, and the sparse one looks at all once it doubts.
+/// A kidnapped agent has to be found again, as soon as the dense filter finds it. One that reckons with kidnappings
+/// takes two steps more: at the first the dense filter knows the place, and the sparse one looks at all once it doubts.
 TEST(SparseFilter, LooksAtAllPlacesAgainWhenItIsLost) {
   for (const std::map<std::string, double>& told :
        {std::map<std::string, double>{}, {{"slip", 0.1}, {"kidnap", 0.01}}}) {
@@ -163,8 +163,7 @@ TEST(SparseFilter, LooksAtAllPlacesAgainWhenItIsLost) {
   }
 }
 
-/// The gradient reaches s, h, g, u and d through the active places, through looks at all, and through what is
-/// elsewhere.
+/// The gradient reaches g, u and d through the active places, and through what is elsewhere.
 TEST(SparseFilter, DifferentiatesWhatItComputes) {
   constexpr int kWalkSteps = 6, kWalkers = 3;
   for (const double kidnap : {0.0, 0.1}) {
@@ -198,14 +197,13 @@ TEST(SparseFilter, DifferentiatesWhatItComputes) {
     for (std::ptrdiff_t i = 0; i < weights.values.size(); ++i) weights.values(i) = 1 + static_cast<double>(i % 5);
     Vector<double> gradient = Vector<double>::Zero(parameters.size());
     network->backward(parameters, inputs, *workspace, weights, gradient);
-    const double largest = gradient.head(5).cwiseAbs().minCoeff();
-    EXPECT_GT(largest, 1e-9) << "all of filter.scalars matter";
+    EXPECT_GT(gradient.segment(2, 3).cwiseAbs().minCoeff(), 1e-9) << "all that is learned of filter.scalars matters";
     const auto sum = [&] {
       network->forward(parameters, inputs, state, *workspace);
       return workspace->heads.logits.cwiseProduct(weights.logits).sum() +
              workspace->heads.values.cwiseProduct(weights.values).sum();
     };
-    for (std::ptrdiff_t i = 0; i < parameters.size(); ++i)
+    for (std::ptrdiff_t i = 2; i < parameters.size(); ++i)
       ASSERT_NEAR(gradient(i), central_difference(parameters(i), sum), 1e-6 * gradient.cwiseAbs().maxCoeff()) << i;
   }
 }

@@ -138,6 +138,10 @@ TEST(Verdict, TellsAnAgentThatDoesNotLook) {
   const std::string text =
       verdict("features", rows_of({{"features", {{"fall", 0.92}}}, {"shuffled", {{"fall", 0.91}}}}));
   EXPECT_TRUE(contains(text, "does as well on shuffled frames")) << text;
+  // In the dark it does not help to look.
+  const auto rows =
+      rows_of({{"features", {{"fall", 0.92}, {"night", 0.7}}}, {"shuffled", {{"fall", 0.6}, {"night", 0.7}}}});
+  EXPECT_FALSE(contains(verdict("features", rows), "shuffled"));
 }
 
 TEST(Verdict, SetsApartWhatItTrainedOn) {
