@@ -189,6 +189,8 @@ class Image(unittest.TestCase):
         owners = {str(Path(path).resolve()): package for package, path in re.findall(r"^(\S+?):.* (/\S+)$", owned, re.MULTILINE)}
         packages = {owners[str(Path(path).resolve())] for path in libraries}
         packages -= {"libc6", "libgcc-s1", "libstdc++6"}  # others bring them
+        if any(Path("/usr/lib").glob("*/libheif/plugins/libheif-libde265.so")):
+            packages.add("libheif-plugin-libde265")  # libheif loads it by name
         release = platform.freedesktop_os_release()["VERSION_CODENAME"]
         found = re.search(rf'\b{release}="(.*?)"', self.TEXT, re.DOTALL)
         if not found:
