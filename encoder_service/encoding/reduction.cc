@@ -12,6 +12,7 @@
 #include "core/util/error.h"
 #include "core/util/random.h"
 #include "encoder_service/encoding/byte_stream.h"
+#include "encoder_service/encoding/encoder.h"
 
 namespace citylearn {
 namespace {
@@ -67,9 +68,13 @@ Eigenpairs largest_eigenpairs(const MatrixXf& matrix, Index count) {
                                                           : all_eigenpairs(matrix, count);
 }
 
-VectorXf mean_of(const Eigen::Ref<const MatrixXf>& descriptors) {
+void add_to(VectorXd& sum, const MatrixXf& descriptors) {
+  for (const auto column : descriptors.colwise()) sum += column.cast<double>();
+}
+
+VectorXf mean_of(const MatrixXf& descriptors) {
   VectorXd sum = VectorXd::Zero(descriptors.rows());
-  for (Index i = 0; i < descriptors.cols(); ++i) sum += descriptors.col(i).cast<double>();
+  add_to(sum, descriptors);
   return (sum / static_cast<double>(descriptors.cols())).cast<float>();
 }
 
@@ -136,9 +141,11 @@ std::string name_of(Centring centring) {
   return "running";
 }
 
-Reduction Reduction::learn(const Eigen::Ref<const MatrixXf>& reference, const ReductionOptions& options) {
+Reduction Reduction::learn(MatrixXf reference, const ReductionOptions& options) {
   check_options(options, reference.rows(), reference.cols());
   if (!reference.allFinite()) throw Error("a descriptor that is not finite", "reference");
+  if (reference.cols() > kMaxSample)
+    reference = reference(Eigen::all, training_frames(kMaxSample, static_cast<int>(reference.cols()))).eval();
   if (options.dimension > 0 && options.whitening >= 0.5 && 2 * options.dimension > reference.cols() - 1)
     spdlog::warn(
         "full whitening to {} dimensions from {} frames: the last ones are noise; take fewer or an exponent of 0.2",
@@ -146,33 +153,59 @@ Reduction Reduction::learn(const Eigen::Ref<const MatrixXf>& reference, const Re
   Reduction reduction;
   reduction.options_ = options;
   reduction.mean_ = options.centring == Centring::kNone ? VectorXf::Zero(reference.rows()).eval() : mean_of(reference);
-  if (options.dimension > 0)
-    reduction.projection_ = whitened_axes(reference.colwise() - reduction.mean_, options.dimension, options.whitening);
+  if (options.dimension == 0) return reduction;
+  reference.colwise() -= reduction.mean_;
+  reduction.projection_ = whitened_axes(reference, options.dimension, options.whitening);
   return reduction;
 }
 
 int Reduction::dimension() const { return options_.dimension > 0 ? options_.dimension : input_dimension(); }
 
-MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
-  if (descriptors.rows() != mean_.size())
-    throw Error("descriptors of " + std::to_string(descriptors.rows()) + " numbers, the reduction was learned on " +
+void Reduction::check_input(Index numbers) const {
+  if (numbers != mean_.size())
+    throw Error("descriptors of " + std::to_string(numbers) + " numbers, the reduction was learned on " +
                 std::to_string(mean_.size()));
-  if (options_.keeps_all()) return descriptors;
-  MatrixXf centred;
-  if (options_.centring == Centring::kRunning) {
-    centred.resize(descriptors.rows(), descriptors.cols());
-    RunningMean mean(mean_);
-    for (Index i = 0; i < descriptors.cols(); ++i) centred.col(i) = mean.centre(descriptors.col(i));
-  } else if (options_.centring == Centring::kOwn && descriptors.cols() > 0) {
-    centred = descriptors.colwise() - mean_of(descriptors);
-  } else {
-    centred = descriptors.colwise() - mean_;
-  }
-  return project(std::move(centred));
 }
 
-MatrixXf Reduction::project(MatrixXf centred) const {
-  MatrixXf features = options_.dimension > 0 ? (projection_ * centred).eval() : std::move(centred);
+MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
+  check_input(descriptors.rows());
+  return apply(descriptors.cols(),
+               [&](Index first, Eigen::Ref<MatrixXf> block) { block = descriptors.middleCols(first, block.cols()); });
+}
+
+MatrixXf Reduction::apply(Index frames, const ReadBlock& read) const {
+  MatrixXf features(dimension(), frames);
+  if (options_.keeps_all()) {
+    read(0, features);
+    return features;
+  }
+  MatrixXf block;
+  const auto for_each_block = [&](const auto& use) {
+    for (Index first = 0; first < frames; first += kMaxSample) {
+      block.resize(input_dimension(), std::min<Index>(kMaxSample, frames - first));
+      read(first, block);
+      use(first);
+    }
+  };
+  VectorXf mean = mean_;
+  if (options_.centring == Centring::kOwn && frames > 0) {
+    VectorXd sum = VectorXd::Zero(mean_.size());
+    for_each_block([&](Index) { add_to(sum, block); });
+    mean = (sum / static_cast<double>(frames)).cast<float>();
+  }
+  RunningMean running(mean_);
+  for_each_block([&](Index first) {
+    if (options_.centring == Centring::kRunning)
+      for (auto column : block.colwise()) column = running.centre(column);
+    else
+      block.colwise() -= mean;
+    features.middleCols(first, block.cols()) = project(block);
+  });
+  return features;
+}
+
+MatrixXf Reduction::project(const Eigen::Ref<const MatrixXf>& centred) const {
+  MatrixXf features = options_.dimension > 0 ? (projection_ * centred).eval() : MatrixXf(centred);
   for (auto column : features.colwise()) {
     const float length = column.stableNorm();
     if (length > 0) column /= length;

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -52,20 +53,28 @@ class Reduction {
  public:
   Reduction() = default;
   /// Learns from the D x F descriptors of the reference traversal, in the order of its frames. Throws Error when the
-  /// dimension is not 0..min(D, F - 1); logs a warning when it is more than half of F - 1 and the whitening is full
-  /// (0.5), because the last components are noise then.
-  static Reduction learn(const Eigen::Ref<const Eigen::MatrixXf>& reference, const ReductionOptions& options);
+  /// dimension is not 0..largest_dimension(D, F); logs a warning when it is more than half of F - 1 and the whitening
+  /// is full (0.5), because the last components are noise then.
+  static Reduction learn(Eigen::MatrixXf reference, const ReductionOptions& options);
+  /// The most frames that it learns from; of a reference with more, as many that are evenly spread.
+  static constexpr int kMaxSample = 4096;
   /// Returns the largest dimension that `frames` descriptors of `numbers` numbers allow.
   static int largest_dimension(Eigen::Index numbers, Eigen::Index frames) {
-    return static_cast<int>(std::min(numbers, frames - 1));
+    return static_cast<int>(std::min(numbers, std::min<Eigen::Index>(frames, kMaxSample) - 1));
   }
 
   /// Turns D x n descriptors of a traversal's first frames, in order, into d x n features of length 1 (a descriptor
   /// equal to the mean becomes zeros), unless options().keeps_all(). With kOwn it needs the whole traversal.
   Eigen::MatrixXf apply(const Eigen::Ref<const Eigen::MatrixXf>& descriptors) const;
+  /// Fills in the descriptors of frame `first` and those that follow it.
+  using ReadBlock = std::function<void(Eigen::Index first, Eigen::Ref<Eigen::MatrixXf> descriptors)>;
+  /// Does the same with descriptors that `read` fills in, kMaxSample at a time; for kOwn it reads all twice.
+  Eigen::MatrixXf apply(Eigen::Index frames, const ReadBlock& read) const;
   /// Turns descriptors whose means have been subtracted into features.
-  Eigen::MatrixXf project(Eigen::MatrixXf centred) const;
+  Eigen::MatrixXf project(const Eigen::Ref<const Eigen::MatrixXf>& centred) const;
 
+  /// Throws Error when it was learned on descriptors of another number of numbers.
+  void check_input(Eigen::Index numbers) const;
   int input_dimension() const { return static_cast<int>(mean_.size()); }
   int dimension() const;
   const ReductionOptions& options() const { return options_; }

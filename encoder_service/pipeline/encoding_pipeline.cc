@@ -10,6 +10,7 @@
 
 #include "core/files/files.h"
 #include "encoder_service/encoding/picture_encoder.h"
+#include "encoder_service/pipeline/reduced_traversal.h"
 
 namespace citylearn {
 namespace {
@@ -388,9 +389,7 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
   spdlog::info("{}: all {} frames encoded ({} of them now, {} by others, in {:.1f} s)", traversal.name(),
                traversal.frames, traversal.work->made(), traversal.work->fetched(),
                std::chrono::duration<double>(now_ - traversal.since).count());
-  auto features = std::make_shared<Eigen::MatrixXf>();
-  auto learned = std::make_shared<std::shared_ptr<const Reduction>>(reduction_);
-  auto lost = std::make_shared<std::vector<int>>();
+  auto reduced = std::make_shared<ReducedTraversal>();
   ReductionOptions reduction = options_.reduction;
   const int most = Reduction::largest_dimension(spec_.dimension, traversal.frames);
   if (options_.cap_dimension && !reduction_ && reduction.dimension > most) {
@@ -403,38 +402,22 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
                                : reduction_path(options_.store, spec_.name, traversal.hash, reduction);
   const TraversalWork* work = traversal.work.get();
   reducing_.post(
-      [this, work, features, learned, lost, path, reduction] {
-        const std::shared_ptr<const Eigen::MatrixXf> descriptors = work->descriptors(*lost);
-        if (!descriptors) return;
-        if (!*learned && !path.empty() && std::filesystem::exists(path)) {
-          const std::string bytes = read_file(path);
-          try {
-            *learned = std::make_shared<Reduction>(Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, path));
-          } catch (const Error& error) {
-            spdlog::warn("{}; learning it anew", error.what());
-          }
-        }
-        if (!*learned) {
-          *learned = std::make_shared<Reduction>(Reduction::learn(*descriptors, reduction));
-          if (!path.empty()) {
-            write_file(path, as_text((*learned)->save(spec_.name)));
-            spdlog::info("stored the reduction in {}", path);
-          }
-        }
-        *features = (*learned)->apply(*descriptors);
+      [this, work, reduced, source = ReductionSource{reduction_, reduction, path}] {
+        *reduced = reduce_traversal(*work, source, options_.store);
       },
-      [this, &traversal, features, learned, lost] {
+      [this, &traversal, reduced] {
         traversal.reducing = false;
-        if (!lost->empty()) {
-          spdlog::warn("{}: the store has lost {} frames; they are encoded again", traversal.name(), lost->size());
-          traversal.work->lose(*lost);
+        if (!reduced->lost.empty()) {
+          spdlog::warn("{}: the store has lost {} frames; they are encoded again", traversal.name(),
+                       reduced->lost.size());
+          traversal.work->lose(reduced->lost);
           return;
         }
         if (needs_reference() && !reduction_) {
-          reduction_ = *learned;
+          reduction_ = reduced->reduction;
           reduction_source_ = traversal.hash;
         }
-        traversal.features = std::move(*features);
+        traversal.features = std::move(reduced->features);
         traversal.ready = true;
         spdlog::info("{}: ready, {} features a frame", traversal.name(), traversal.features.rows());
       });

@@ -22,10 +22,10 @@ TraversalWork::TraversalWork(const std::string& folder, const FeatureStore::Key&
   lacking_ = present_;
   for (int frame = 0; frame < key.frames; ++frame) lacking_[block_of(frame)] |= bit_of(frame);
   if (folder.empty())
-    memory_ = std::make_shared<Eigen::MatrixXf>(Eigen::MatrixXf::Zero(key.dimension, key.frames));
+    memory_ = std::make_unique<Eigen::MatrixXf>(Eigen::MatrixXf::Zero(key.dimension, key.frames));
   else
     store_ = std::make_unique<FeatureStore>(folder, key);
-  look_into_store();
+  look_into_store(true);
   division_.set_encoder(key.encoder, static_cast<std::uint32_t>(key.dimension));
 }
 
@@ -37,14 +37,15 @@ void TraversalWork::note_done(int frame, bool present) {
   ++done_;
 }
 
-void TraversalWork::look_into_store() {
+/// With `trust` it believes the index: what is missing after all is found when it is read.
+void TraversalWork::look_into_store(bool trust) {
   looked_ = Clock::now();
   if (!store_) return;
   const std::vector<bool> there = store_->present();
   std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
   for (int frame = 0; frame < key_.frames; ++frame)
     // Reads it too: after a loss of power the index may name a frame whose numbers are gone.
-    if (there[static_cast<std::size_t>(frame)] && is_lacking(frame) && store_->read(frame, numbers))
+    if (there[static_cast<std::size_t>(frame)] && is_lacking(frame) && (trust || store_->read(frame, numbers)))
       note_done(frame, true);
   release_finished_blocks();
 }
@@ -135,31 +136,26 @@ bool TraversalWork::read(int frame, std::span<float> descriptor) const {
 
 void TraversalWork::lose(const std::vector<int>& frames) {
   for (const int frame : frames) {
+    if (is_lacking(frame)) continue;
     lacking_[block_of(frame)] |= bit_of(frame);
     present_[block_of(frame)] &= ~bit_of(frame);
     --done_;
   }
 }
 
-std::shared_ptr<const Eigen::MatrixXf> TraversalWork::descriptors(std::vector<int>& lost) const {
+void TraversalWork::read(std::span<const int> frames, Eigen::Ref<Eigen::MatrixXf> descriptors,
+                         std::vector<int>& lost) const {
   if (static_cast<int>(bad_.size()) == key_.frames) throw Error("no frame could be encoded");
-  const auto all = store_ ? std::make_shared<Eigen::MatrixXf>(key_.dimension, key_.frames) : memory_;
-  const auto is_bad = [this](int frame) { return std::find(bad_.begin(), bad_.end(), frame) != bad_.end(); };
-  for (int frame = 0; store_ && frame < key_.frames; ++frame)
-    if (!is_bad(frame) && !store_->read(frame, {all->col(frame).data(), static_cast<std::size_t>(key_.dimension)}))
-      lost.push_back(frame);
-  if (!lost.empty()) return nullptr;
-  for (const int frame : bad_) {
-    int nearest = -1;
-    for (int distance = 1; nearest < 0; ++distance) {
-      if (frame - distance >= 0 && !is_bad(frame - distance))
-        nearest = frame - distance;
-      else if (frame + distance < key_.frames && !is_bad(frame + distance))
-        nearest = frame + distance;
-    }
-    all->col(frame) = all->col(nearest);
+  const auto is_good = [this](int frame) {
+    return frame >= 0 && frame < key_.frames && std::find(bad_.begin(), bad_.end(), frame) == bad_.end();
+  };
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    int frame = frames[i];
+    for (int distance = 1; !is_good(frame); ++distance)
+      frame = is_good(frames[i] - distance) ? frames[i] - distance : frames[i] + distance;
+    auto column = descriptors.col(static_cast<Eigen::Index>(i));
+    if (!read(frame, {column.data(), static_cast<std::size_t>(column.size())})) lost.push_back(frame);
   }
-  return all;
 }
 
 }  // namespace citylearn

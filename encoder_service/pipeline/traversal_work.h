@@ -17,7 +17,7 @@ namespace citylearn {
 
 /// Tracks which descriptors of one traversal exist and which this process is to make. Processes of one session divide
 /// the blocks by BlockDivision. Those that share a store, of other sessions too, also reserve blocks by file locks, and
-/// take from it what others made. Used by one thread, apart from descriptors().
+/// take from it what others made. Used by one thread, apart from the longer read().
 class TraversalWork {
  public:
   /// `folder` of the store; empty: descriptors are kept in memory alone. Throws Error.
@@ -51,15 +51,15 @@ class TraversalWork {
   std::span<const std::uint64_t> present() const { return present_; }
   std::span<const std::uint64_t> lacking() const { return lacking_; }
 
-  /// Returns the D x F descriptors, once complete; bad frames have their nearest good neighbour's. Null when the store
-  /// has lost frames, as after a loss of power where it lies: fills `lost` with them. Throws Error when no frame is
-  /// good. May run on another thread.
-  std::shared_ptr<const Eigen::MatrixXf> descriptors(std::vector<int>& lost) const;
+  /// Reads the descriptors of these frames, a column each, once complete; bad ones have their nearest good neighbour's.
+  /// Adds frames that the store has lost, as after a loss of power where it lies, to `lost`. Throws Error when no frame
+  /// is good. May run on another thread.
+  void read(std::span<const int> frames, Eigen::Ref<Eigen::MatrixXf> descriptors, std::vector<int>& lost) const;
   /// Notes that frames are to be made again.
   void lose(const std::vector<int>& frames);
 
  private:
-  void look_into_store();
+  void look_into_store(bool trust = false);
   void note_done(int frame, bool present);
   int take(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor);
   void release_finished_blocks();
@@ -71,7 +71,7 @@ class TraversalWork {
   const FeatureStore::Key key_;
   BlockDivision& division_;
   std::unique_ptr<FeatureStore> store_;
-  std::shared_ptr<Eigen::MatrixXf> memory_;  // D x F; without a store only
+  std::unique_ptr<Eigen::MatrixXf> memory_;  // D x F; without a store only
   std::vector<std::uint64_t> present_, lacking_;
   std::vector<int> bad_;
   int done_ = 0, made_ = 0, fetched_ = 0;

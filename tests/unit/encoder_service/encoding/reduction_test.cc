@@ -50,6 +50,22 @@ TEST(Reduction, RunningMeanWorksOnline) {
     EXPECT_TRUE(reduction.apply(query.leftCols(n)).isApprox(whole.leftCols(n), 1e-4f)) << n;
 }
 
+TEST(Reduction, ALongTraversalIsReadInBlocksAndLearnedFromASample) {
+  const MatrixXf all = sample(6, 2 * Reduction::kMaxSample + 10), every_other = all(Eigen::all, Eigen::seq(1, 8191, 2));
+  const Eigen::VectorXf mean = all.rowwise().mean();
+  const Reduction own = Reduction::learn(all, {.centring = Centring::kOwn, .dimension = 0});
+  EXPECT_TRUE(own.apply(all).isApprox(normalised(all.colwise() - mean), 1e-4f));
+  // Of 8,192 frames the middles of 4,096 parts are the odd ones.
+  const Reduction learned = Reduction::learn(all.leftCols(8192), {.dimension = 3});
+  EXPECT_EQ(learned.projection(), Reduction::learn(every_other, {.dimension = 3}).projection());
+  OnlineReduction online(std::make_shared<Reduction>(learned));
+  const MatrixXf features = learned.apply(all);
+  for (Eigen::Index i = 0; i < all.cols(); ++i)
+    ASSERT_TRUE(online.apply(all.col(i)).isApprox(features.col(i), 1e-3f)) << i;
+  EXPECT_EQ(Reduction::largest_dimension(10000, 5000), 4095);
+  EXPECT_EQ(Reduction::largest_dimension(10000, 300), 299);
+}
+
 TEST(Reduction, OneByOneGivesWhatAllTogetherGive) {
   const MatrixXf query = sample(30, 25, 4, 9);
   for (const ReductionOptions& options : {ReductionOptions{.dimension = 5},
