@@ -161,10 +161,14 @@ Reduction Reduction::learn(MatrixXf reference, const ReductionOptions& options) 
 
 int Reduction::dimension() const { return options_.dimension > 0 ? options_.dimension : input_dimension(); }
 
-MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
-  if (descriptors.rows() != mean_.size())
-    throw Error("descriptors of " + std::to_string(descriptors.rows()) + " numbers, the reduction was learned on " +
+void Reduction::check_input(Index numbers) const {
+  if (numbers != mean_.size())
+    throw Error("descriptors of " + std::to_string(numbers) + " numbers, the reduction was learned on " +
                 std::to_string(mean_.size()));
+}
+
+MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
+  check_input(descriptors.rows());
   return apply(descriptors.cols(),
                [&](Index first, Eigen::Ref<MatrixXf> block) { block = descriptors.middleCols(first, block.cols()); });
 }

@@ -53,10 +53,10 @@ class Reduction {
  public:
   Reduction() = default;
   /// Learns from the D x F descriptors of the reference traversal, in the order of its frames. Throws Error when the
-  /// dimension is not 0..min(D, F - 1); logs a warning when it is more than half of F - 1 and the whitening is full
-  /// (0.5), because the last components are noise then.
+  /// dimension is not 0..largest_dimension(D, F); logs a warning when it is more than half of F - 1 and the whitening
+  /// is full (0.5), because the last components are noise then.
   static Reduction learn(Eigen::MatrixXf reference, const ReductionOptions& options);
-  /// The frames that it learns from, evenly spread over those of the reference where that has more.
+  /// The most frames that it learns from; of a reference with more, as many that are evenly spread.
   static constexpr int kMaxSample = 4096;
   /// Returns the largest dimension that `frames` descriptors of `numbers` numbers allow.
   static int largest_dimension(Eigen::Index numbers, Eigen::Index frames) {
@@ -73,6 +73,8 @@ class Reduction {
   /// Turns descriptors whose means have been subtracted into features.
   Eigen::MatrixXf project(const Eigen::Ref<const Eigen::MatrixXf>& centred) const;
 
+  /// Throws Error when it was learned on descriptors of another number of numbers.
+  void check_input(Eigen::Index numbers) const;
   int input_dimension() const { return static_cast<int>(mean_.size()); }
   int dimension() const;
   const ReductionOptions& options() const { return options_; }

@@ -63,6 +63,7 @@ ReducedTraversal reduce_traversal(const TraversalWork& work, const ReductionSour
       spdlog::info("stored the reduction in {}", source.path);
     }
   }
+  result.reduction->check_input(key.dimension);
   result.features.resize(result.reduction->dimension(), key.frames);
   std::unique_ptr<FeatureStore> kept;
   int there = 0;

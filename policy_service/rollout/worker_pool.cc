@@ -2,6 +2,7 @@
 #include "policy_service/rollout/worker_pool.h"
 
 #include <algorithm>
+#include <chrono>
 #include <system_error>
 #include <utility>
 
@@ -22,7 +23,7 @@ WorkerPool::~WorkerPool() {
 }
 
 int WorkerPool::PieceTime::threads(int pieces, int most) const {
-  const double worth = seconds_ * pieces / std::chrono::duration<double>(kMinWork).count();
+  const double worth = seconds_ * pieces / kMinWork;
   return worth < most ? std::max(1, static_cast<int>(worth)) : most;
 }
 

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <exception>
@@ -18,8 +17,8 @@ namespace citylearn {
 /// thread.
 class WorkerPool {
  public:
-  /// The least work of a thread that is woken: waking one and waiting for it takes a good part of that.
-  static constexpr std::chrono::microseconds kMinWork{50};
+  /// The least work of a thread that is woken, seconds: waking one and waiting for it takes a good part of that.
+  static constexpr double kMinWork = 50e-6;
   /// How long a piece of some kind of work takes, as run() has measured it so far.
   class PieceTime {
    public:

@@ -9,6 +9,7 @@
 #include "core/util/error.h"
 #include "core/util/random.h"
 #include "tests/support/files.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -94,6 +95,15 @@ TEST(ReducedTraversal, ABadFrameHasItsNeighboursFeaturesAndNoneAreStored) {
   all.col(0) = all.col(1);
   EXPECT_EQ(Encoded(folder.path(), 0).reduced().features, Reduction::learn(all, kToFour).apply(all));
   EXPECT_EQ(file_with(folder, 4), "");
+}
+
+TEST(ReducedTraversal, RefusesTheReductionOfOtherDescriptors) {
+  const auto other = std::make_shared<Reduction>(Reduction::learn(MatrixXf::Random(kNumbers + 1, 9), kToFour));
+  Encoded encoded("");
+  EXPECT_EQ(error_of([&] {
+              reduce_traversal(encoded.work, {other, {}, ""}, "");
+            }),
+            "descriptors of 12 numbers, the reduction was learned on 13");
 }
 
 }  // namespace

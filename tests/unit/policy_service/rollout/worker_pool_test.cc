@@ -52,7 +52,7 @@ TEST(WorkerPool, DoesThemAtOnce) {
 }
 
 TEST(WorkerPool, WakesNoThreadForLessWorkThanThat) {
-  constexpr double kWork = 50e-6;  // seconds, WorkerPool::kMinWork
+  constexpr double kWork = WorkerPool::kMinWork;
   WorkerPool::PieceTime time;
   EXPECT_EQ(time.threads(100, 8), 1) << "before a measurement";
   const auto expect = [&](double measured, int pieces, int threads) {
