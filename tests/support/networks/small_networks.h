@@ -16,11 +16,12 @@ namespace citylearn {
 struct SmallNetwork {
   std::map<std::string, double> parameters;
   int features = 5;
+  std::ptrdiff_t told = 0;  ///< parameters that no loss changes, the first ones
 };
 
 inline SmallNetwork small_network(const std::string& name) {
   if (name == "raw_images") return {{{"hidden", 6}, {"cells", 4}, {"side", 28}, {"maps", 2}}, 28 * 28 * 3};
-  if (name == "place_filter") return {{{"units", 5}, {"slip", 0.1}}};
+  if (name == "place_filter") return {{{"units", 5}, {"slip", 0.1}}, 5, 2};  // how much is trusted what it sees
   return {{{"hidden", 6}, {"cells", 4}}};
 }
 
