@@ -15,6 +15,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <future>
+#include <opencv2/core/mat.hpp>
 #include <optional>
 
 #include "core/exchange/timing.h"
