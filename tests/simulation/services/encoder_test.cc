@@ -128,7 +128,7 @@ TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnc
         if (stores) {
           const auto files = stored_files(own_store(run, ids[serving], stores));
           if (expected_files.empty()) expected_files = files;
-          EXPECT_EQ(files.size(), 3u) << "descriptors, the encoder's words, the reduction";
+          EXPECT_EQ(files.size(), 4u) << "descriptors, features, the encoder's words, the reduction";
           EXPECT_TRUE(files == expected_files) << what << ", " << ids[serving];
         }
         encoders[serving]->send(SIGKILL);
