@@ -40,6 +40,9 @@ export class Stage {
     });
     afterEach(async () => {
       const kept = await this.shared;
+      // A spec may end while the page still asks: nobody waits for what comes of that.
+      const pages = this.browser.contexts().flatMap((one) => one.pages());
+      await Promise.all(pages.map((page) => page.unrouteAll({ behavior: 'ignoreErrors' })));
       await Promise.all(this.browser.contexts().map((one) => (one === kept ? one.pages().map((page) => page.close()) : one.close())).flat());
     });
     afterAll(async () => {
@@ -106,7 +109,10 @@ export async function between(page: Page, told: (json: unknown) => unknown, aske
     const url = new URL(route.request().url());
     url.pathname = url.pathname.split('/').map((part) => encodeURIComponent(asked(decodeURIComponent(part)))).join('/');
     for (const [name, value] of [...url.searchParams]) url.searchParams.set(name, asked(value));
-    const response = await route.fetch({ url: url.href });
+    const response = await route.fetch({ url: url.href }).catch((error: unknown) => {
+      if (!page.isClosed()) throw error;
+    });
+    if (!response) return;
     const json = response.ok() && response.headers()['content-type'] === 'application/json';
     await route.fulfill(json ? { json: told(await response.json()) } : { response });
   });
