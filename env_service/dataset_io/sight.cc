@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "core/util/error.h"
-#include "env_service/dataset_io/descriptor_match.h"
 #include "env_service/images/picture_descriptor.h"
+#include "env_service/matching/descriptor_match.h"
 
 namespace citylearn {
 namespace {

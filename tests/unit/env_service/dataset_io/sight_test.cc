@@ -9,8 +9,8 @@
 #include <numeric>
 
 #include "core/util/random.h"
-#include "env_service/dataset_io/monotone_path.h"
 #include "env_service/dataset_io/selection.h"
+#include "env_service/matching/monotone_path.h"
 #include "tests/paths.h"
 #include "tests/support/env/env.h"
 #include "tests/support/files.h"

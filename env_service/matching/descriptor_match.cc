@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/descriptor_match.h"
+#include "env_service/matching/descriptor_match.h"
 
 #include <algorithm>
 #include <cstdlib>
 #include <utility>
 
-#include "env_service/dataset_io/monotone_path.h"
+#include "env_service/matching/monotone_path.h"
 
 namespace citylearn {
 namespace {

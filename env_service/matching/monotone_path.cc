@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/monotone_path.h"
+#include "env_service/matching/monotone_path.h"
 
 #include <algorithm>
 #include <cstddef>
