@@ -2,17 +2,17 @@
 #include "tools/record/agent_replay.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <map>
+#include <set>
 
-#include "core/recording/mcap_writer.h"
+#include "core/recording/ros2_bag_writer.h"
 #include "core/ros2/messages.h"
+#include "core/ros2/name.h"
 #include "core/task/action.h"
 #include "core/util/error.h"
-#include "core/util/text.h"
-#include "core/util/version.h"
 #include "env_service/dataset_io/selection.h"
 #include "env_service/ros2/bag.h"
 #include "policy_service/network/checkpoint.h"
@@ -29,20 +29,10 @@ std::string checkpoint_of(const std::string& agent) {
   return std::filesystem::is_directory(agent) ? agent + "/checkpoints/" + kBestCheckpoint : agent;
 }
 
-/// Returns a name that ROS 2 allows, and that is not `taken`.
-std::string topic_name(const std::string& agent, const std::vector<AgentReplayed>& taken) {
-  std::filesystem::path path = std::filesystem::weakly_canonical(agent);
-  if (path.extension() == ".clk") path.replace_extension();
-  std::string name = path.filename();
-  for (char& letter : name)
-    if (!std::isalnum(static_cast<unsigned char>(letter))) letter = '_';
-  if (name.empty() || !std::isalpha(static_cast<unsigned char>(name.front()))) name = "agent_" + name;
-  const auto used = [&](const std::string& one) {
-    return std::any_of(taken.begin(), taken.end(), [&](const AgentReplayed& other) { return other.name == one; });
-  };
-  std::string unique = name;
-  for (int number = 2; used(unique); ++number) unique = name + "_" + std::to_string(number);
-  return unique;
+/// Returns what an agent is called: "taught" of runs/taught, "best" of best.clk.
+std::string name_of(const std::string& agent) {
+  const std::filesystem::path path = std::filesystem::weakly_canonical(agent);
+  return path.extension() == ".clk" ? path.stem() : path.filename();
 }
 
 /// Returns the options under which an agent sees the bag: those given; all frames unless they choose.
@@ -64,18 +54,25 @@ python::Keywords keywords_of(const AgentReplayOptions& options) {
   return keywords;
 }
 
-AgentReplayed decide(const AgentReplayOptions& options, TrainedAgent agent, const python::Keywords& keywords) {
+/// Returns the bag as an agent sees it that learned from `learned`.
+Traversal seen_by(TrainingData learned, const python::Keywords& keywords) {
   // How the recordings of the training were cut, thinned and aligned says nothing of the bag.
   for (const char* name : {"frames", "metres", "step", "align-to", "align-by", "align-within"})
-    agent.data.source.erase(name);
-  if (keywords.contains("step") || keywords.contains("step_metres")) agent.data.source.erase("step-metres");
-  const Traversal seen = python::load_recording(keywords, agent.data).traversal;
-  const int goal = options.goal < 0 ? agent.task.frames - 1 : options.goal;
-  if (goal >= agent.task.frames)
+    learned.source.erase(name);
+  if (keywords.contains("step") || keywords.contains("step_metres")) learned.source.erase("step-metres");
+  return python::load_recording(keywords, learned).traversal;
+}
+
+int goal_of(const AgentReplayOptions& options, const TrainedAgent& agent) {
+  if (options.goal >= agent.task.frames)
     throw Error("is beyond the route of " + std::to_string(agent.task.frames) + " places",
-                "--goal " + std::to_string(goal));
+                "--goal " + std::to_string(options.goal));
+  return options.goal < 0 ? agent.task.frames - 1 : options.goal;
+}
+
+AgentReplayed decide(const TrainedAgent& agent, int goal, std::uint64_t seed, const Traversal& seen) {
   const auto first_frame = static_cast<std::uint32_t>(agent.first_frame);
-  NetworkPolicy policy(agent, {.seed = evaluation_choice_seed(options.seed), .greedy = false});
+  NetworkPolicy policy(agent, {.seed = evaluation_choice_seed(seed), .greedy = false});
   AgentReplayed done;
   done.times = seen.times;
   // Where the robot really is, nobody knows: an agent that looks at its place instead of at pictures sees the first.
@@ -103,50 +100,55 @@ AgentReplayed decide(const AgentReplayOptions& options, TrainedAgent agent, cons
   return done;
 }
 
-/// An MCAP file of profile ros2 with a bag's own messages and what is added.
-class BagCopy {
+/// Writes the decisions of one agent into a bag, in order.
+class Decisions {
  public:
-  explicit BagCopy(const std::string& path)
-      : writer_(path, {.library = "citylearn " + version(), .about = {}, .profile = "ros2"}) {}
+  Decisions(Ros2BagWriter& bag, const AgentReplayed& agent) : bag_(bag), agent_(agent) {
+    action_ = add<Action>("action");
+    if (agent.likeliest.empty()) return;
+    place_ = add<Believed>("place");
+    lost_ = add<Believed>("lost");
+  }
+  /// Writes those until a time, in seconds.
+  void write_until(double until) {
+    for (; next_ < agent_.actions.size() && agent_.times[next_] <= until; ++next_) {
+      const auto time = static_cast<std::uint64_t>(std::llround(1e9 * agent_.times[next_]));
+      write<Action>(action_, agent_.actions[next_], time);
+      if (agent_.likeliest.empty()) continue;
+      write<Believed>(place_, static_cast<float>(agent_.likeliest[next_]), time);
+      write<Believed>(lost_, agent_.lost[next_], time);
+    }
+  }
 
-  template <class Message, class Value>
-  void write(const std::string& topic, Value value, std::uint64_t time) {
+ private:
+  using Action = std_msgs::msg::dds_::UInt8_;
+  using Believed = std_msgs::msg::dds_::Float32_;
+
+  template <class Message>
+  std::uint16_t add(const std::string& name) {
     const Ros2Type& type = ros2_type_of<Message>();
+    return bag_.add({"/citylearn/" + agent_.name + "/" + name, type.name, "ros2msg", type.schema, "cdr"});
+  }
+  template <class Message, class Value>
+  void write(std::uint16_t channel, Value value, std::uint64_t time) {
     Message message;
     message.data(value);
     encode_ros2(message, bytes_);
-    write({topic, type.name, "ros2msg", type.schema, "cdr"}, time, bytes_);
+    bag_.write(channel, time, bytes_);
   }
-  void write(McapChannel channel, std::uint64_t time, std::span<const std::byte> data) {
-    std::uint16_t& number = channels_[{channel.topic, channel.type}];
-    if (number == 0) {
-      channel.metadata = {{"offered_qos_profiles", ""}};  // rosbag2 asks for them; none given are its default
-      number = writer_.add(channel);
-    }
-    writer_.write(number, time, data);
-  }
-  void close() { writer_.close(); }
 
- private:
-  McapWriter writer_;
-  std::map<std::pair<std::string, std::string>, std::uint16_t> channels_;  // by topic and type
+  Ros2BagWriter& bag_;
+  const AgentReplayed& agent_;
+  std::uint16_t action_ = 0, place_ = 0, lost_ = 0;  // channels
+  std::size_t next_ = 0;
   Bytes bytes_;
 };
 
-/// Writes the decisions until a time, from the `next` one of each agent on.
-void write_until(BagCopy& copy, const std::vector<AgentReplayed>& agents, std::vector<std::size_t>& next,
-                 double until) {
-  for (std::size_t a = 0; a < agents.size(); ++a) {
-    const AgentReplayed& agent = agents[a];
-    const std::string prefix = "/citylearn/" + agent.name + "/";
-    for (std::size_t& i = next[a]; i < agent.actions.size() && agent.times[i] <= until; ++i) {
-      const auto time = static_cast<std::uint64_t>(std::llround(1e9 * agent.times[i]));
-      copy.write<std_msgs::msg::dds_::UInt8_>(prefix + "action", agent.actions[i], time);
-      if (agent.likeliest.empty()) continue;
-      copy.write<std_msgs::msg::dds_::Float32_>(prefix + "place", static_cast<float>(agent.likeliest[i]), time);
-      copy.write<std_msgs::msg::dds_::Float32_>(prefix + "lost", agent.lost[i], time);
-    }
-  }
+/// Adds a bag's topic to another bag, with the definition that the first one may lack.
+std::uint16_t add_topic(Ros2BagWriter& bag, const BagTopic& topic) {
+  if (const Ros2Type* type = ros2_type(topic.type); type && topic.schema.empty())
+    return bag.add({topic.name, topic.type, "ros2msg", type->schema, topic.encoding});
+  return bag.add({topic.name, topic.type, topic.schema_encoding, topic.schema, topic.encoding});
 }
 
 }  // namespace
@@ -155,27 +157,36 @@ std::vector<AgentReplayed> replay_agents(const AgentReplayOptions& options) {
   const std::filesystem::path output = std::filesystem::weakly_canonical(options.output);
   if (output.parent_path() == std::filesystem::weakly_canonical(options.bag))
     throw Error("would become a part of the bag", "--output " + options.output, "write it elsewhere");
-  BagCopy copy(options.output);
+  Ros2BagWriter copy(options.output);
   try {
     const python::Keywords keywords = keywords_of(options);
     std::vector<AgentReplayed> agents;
-    for (const std::string& agent : options.agents) {
-      AgentReplayed done = decide(options, trained_agent(read_checkpoint(checkpoint_of(agent))), keywords);
-      done.name = topic_name(agent, agents);
-      agents.push_back(std::move(done));
+    std::map<std::string, Traversal> seen;  // by what agents learned from: those of one training see the same
+    std::set<std::string> taken;
+    for (const std::string& name : options.agents) {
+      const TrainedAgent agent = trained_agent(read_checkpoint(checkpoint_of(name)));
+      const int goal = goal_of(options, agent);
+      const std::string learned = agent.data.text();
+      if (!seen.contains(learned)) seen[learned] = seen_by(agent.data, keywords);
+      agents.push_back(decide(agent, goal, options.seed, seen[learned]));
+      agents.back().name = ros2_name(name_of(name), "agent_", taken);
     }
-    std::vector<std::size_t> next(agents.size());
+    std::vector<Decisions> decisions;
+    for (const AgentReplayed& agent : agents) decisions.emplace_back(copy, agent);
+    const auto write_until = [&](double until) {
+      for (Decisions& one : decisions) one.write_until(until);
+    };
+    std::vector<std::uint16_t> channels;  // by topic of the bag; 0: not added yet
     Bag bag(options.bag);
     bag.read_all([](const BagTopic&) { return true; },
                  [&](const BagMessage& message) {
-                   write_until(copy, agents, next, 1e-9 * static_cast<double>(message.time));
-                   BagTopic topic = bag.topics()[message.topic];
-                   if (const Ros2Type* type = ros2_type(topic.type); type && topic.schema.empty())
-                     topic.schema_encoding = "ros2msg", topic.schema = type->schema;
-                   copy.write({topic.name, topic.type, topic.schema_encoding, topic.schema, topic.encoding},
-                              message.time, message.data);
+                   write_until(1e-9 * static_cast<double>(message.time));
+                   channels.resize(bag.topics().size());
+                   std::uint16_t& channel = channels[message.topic];
+                   if (channel == 0) channel = add_topic(copy, bag.topics()[message.topic]);
+                   copy.write(channel, message.time, message.data);
                  });
-    write_until(copy, agents, next, std::numeric_limits<double>::infinity());
+    write_until(std::numeric_limits<double>::infinity());
     copy.close();
     return agents;
   } catch (...) {

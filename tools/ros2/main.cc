@@ -8,9 +8,8 @@
 #include <filesystem>
 
 #include "core/exchange/timing.h"
-#include "core/recording/mcap_writer.h"
+#include "core/recording/ros2_bag_writer.h"
 #include "core/ros2/participant.h"
-#include "core/util/version.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/service.h"
 #include "tools/ros2/bridge.h"
@@ -22,18 +21,15 @@ using namespace citylearn;
 
 constexpr std::uint64_t kFlushInterval = 1'000'000'000;  // nanoseconds
 
-/// Writes an MCAP file of profile ros2, which rosbag2, Foxglove, Lichtblick and Rerun open.
+/// Writes messages into a bag.
 class Ros2File : public Ros2Sink {
  public:
   /// Throws Error naming the file when it is there already or cannot be made.
-  explicit Ros2File(const std::string& path)
-      : writer_(path, {.library = "citylearn " + version(), .about = {}, .profile = "ros2"}) {}
+  explicit Ros2File(const std::string& path) : writer_(path) {}
   void publish(const Ros2Message& message) override {
     std::uint16_t& channel = channels_[message.topic];
-    // rosbag2 asks for the qualities; none given are its default.
     if (channel == 0)
-      channel = writer_.add(
-          {message.topic, message.type->name, "ros2msg", message.type->schema, "cdr", {{"offered_qos_profiles", ""}}});
+      channel = writer_.add({message.topic, message.type->name, "ros2msg", message.type->schema, "cdr"});
     writer_.write(channel, message.time, message.data);
     ++counts_[message.topic];
   }
@@ -50,7 +46,7 @@ class Ros2File : public Ros2Sink {
   const std::map<std::string, std::uint64_t>& counts() const { return counts_; }  ///< messages by topic
 
  private:
-  McapWriter writer_;
+  Ros2BagWriter writer_;
   std::map<std::string, std::uint16_t> channels_;  // by topic
   std::map<std::string, std::uint64_t> counts_;
 };

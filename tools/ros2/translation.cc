@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/ros2/translation.h"
 
-#include <cctype>
 #include <cmath>
 #include <limits>
 
 #include "core/ros2/header.h"
+#include "core/ros2/name.h"
 #include "core/task/action.h"
 #include "core/task/spl.h"
 #include "core/task/training_figures.h"
@@ -30,18 +30,11 @@ Message holding(Value value) {
 Ros2Translation::Ros2Translation(Ros2Sink& sink, const Options& options, const Sources& sources)
     : sink_(sink), options_(options), sources_(sources) {}
 
-/// Returns the id with '_' for what a name of ROS 2 may not have, and another one for each id. A leading '_' would hide
-/// the topic, a leading digit is not allowed.
+/// Returns the id as a name of ROS 2, another one for each id.
 std::string Ros2Translation::ros_name(const std::string& id) {
   const auto found = names_.find(id);
   if (found != names_.end()) return found->second;
-  std::string name = id;
-  for (char& letter : name)
-    if (!std::isalnum(static_cast<unsigned char>(letter))) letter = '_';
-  if (!std::isalpha(static_cast<unsigned char>(name.front()))) name = "id_" + name;
-  std::string unique = name;
-  for (int number = 2; !taken_.insert(unique).second; ++number) unique = name + "_" + std::to_string(number);
-  return names_[id] = unique;
+  return names_[id] = ros2_name(id, "id_", taken_);
 }
 
 Ros2Translation::Environment& Ros2Translation::environment(const std::string& id, std::uint64_t incarnation) {
