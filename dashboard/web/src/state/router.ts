@@ -57,7 +57,8 @@ export function param(name: string, otherwise: string): string {
 
 /**
  * Writes into the address what the page chose itself, so that the address shows the same when another choice would be newer.
- * Nothing is written for null (a run that a better one will take the place of), or where `named` says that the address names it in another way.
+ * Nothing is written for null (a run that a better one will take the place of), or where `named` says that the address names
+ * it in another way.
  */
 export function usePinned(name: string, value: string | null, named = false): void {
   const pinned = named || place.value.params.has(name);
