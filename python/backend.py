@@ -4,11 +4,13 @@ that build has Debian packages (`./run package`), the wheel has their programs t
 
 import base64
 import hashlib
+import io
 import os
 import re
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import tempfile
 import zipfile
 from pathlib import Path
@@ -78,14 +80,21 @@ def programs(build):
     return files, needed
 
 
+def version():
+    return re.search(r"project\(citylearn VERSION (\S+)", (SOURCE / "CMakeLists.txt").read_text())[1]
+
+
+def metadata(name, *fields):
+    return "".join(f"{field}\n" for field in (
+        "Metadata-Version: 2.1", f"Name: {name}", f"Version: {version()}", "License: Apache-2.0", *fields)).encode()
+
+
 def write_wheel(folder, name, tag, files, *fields):
     """Writes a wheel of these files by path, with more fields of its metadata. Returns its file name."""
-    version = re.search(r"project\(citylearn VERSION (\S+)", (SOURCE / "CMakeLists.txt").read_text())[1]
-    module = name.replace("-", "_")
-    info = f"{module}-{version}.dist-info"
-    files = {path.replace("{data}", f"{module}-{version}.data"): data for path, data in files.items()}
-    files[f"{info}/METADATA"] = "".join(f"{field}\n" for field in (
-        "Metadata-Version: 2.1", f"Name: {name}", f"Version: {version}", "License: Apache-2.0", *fields)).encode()
+    module = f"{name.replace('-', '_')}-{version()}"
+    info = f"{module}.dist-info"
+    files = {path.replace("{data}", f"{module}.data"): data for path, data in files.items()}
+    files[f"{info}/METADATA"] = metadata(name, *fields)
     pure = "true" if tag.endswith("-any") else "false"
     files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: citylearn\nRoot-Is-Purelib: {pure}\nTag: {tag}\n".encode()
     files[f"{info}/LICENSE"] = (SOURCE / "LICENSE").read_bytes()
@@ -93,7 +102,7 @@ def write_wheel(folder, name, tag, files, *fields):
               for path, data in files.items()}
     record = "".join(f"{path},sha256={digest[path]},{len(data)}\n" for path, data in files.items())
     files[f"{info}/RECORD"] = f"{record}{info}/RECORD,,\n".encode()
-    wheel_name = f"{module}-{version}-{tag}.whl"
+    wheel_name = f"{module}-{tag}.whl"
     with zipfile.ZipFile(Path(folder, wheel_name), "w", zipfile.ZIP_DEFLATED) as wheel:
         for path, data in files.items():
             file = zipfile.ZipInfo(path)
@@ -103,13 +112,37 @@ def write_wheel(folder, name, tag, files, *fields):
     return wheel_name
 
 
-def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
+def write_own_wheel(folder, files, *fields):
+    """Writes the wheel of citylearn for this Python, as write_wheel() does."""
     tag = "cp{0.major}{0.minor}-cp{0.major}{0.minor}-".format(sys.version_info)
     tag += re.sub(r"[-.]", "_", sysconfig.get_platform())
+    return write_wheel(folder, "citylearn-dds", tag, files, "Summary: Visual navigation over recorded routes",
+                       "Requires-Python: >=3.10", "Requires-Dist: numpy", *fields)
+
+
+def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     package = built_package()
     files, needed = programs(package.parents[1])
     files |= {f"citylearn/{path.name}": path.read_bytes() for path in sorted(package.glob("*.*"))
               if path.suffix in (".py", ".typed") or path.name == MODULE}
-    return write_wheel(wheel_directory, "citylearn-dds", tag, files, "Summary: Visual navigation over recorded routes",
-                       "Requires-Python: >=3.10", "Requires-Dist: numpy",
-                       *(f"Requires-External: {name}" for name in sorted(needed)))
+    return write_own_wheel(wheel_directory, files, *(f"Requires-External: {name}" for name in sorted(needed)))
+
+
+def build_editable(wheel_directory, config_settings=None, metadata_directory=None):
+    """Makes what `pip install --editable` installs (PEP 660): where the build is, in which Python files are links."""
+    return write_own_wheel(wheel_directory, {"citylearn_dds.pth": f"{built_package().parent}\n".encode()})
+
+
+def build_sdist(sdist_directory, config_settings=None):
+    """Makes an archive of all files that git knows, from which pip builds as it does from this folder."""
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=SOURCE, check=True, capture_output=True, text=True).stdout
+    folder = f"citylearn_dds-{version()}"
+    project = (HERE / "pyproject.toml").read_text().replace('backend-path = ["."]', 'backend-path = ["python"]')
+    with tarfile.open(Path(sdist_directory, f"{folder}.tar.gz"), "w:gz") as archive:
+        for name in names.rstrip("\0").split("\0"):
+            archive.add(SOURCE / name, f"{folder}/{name}", recursive=False)
+        for name, data in (("pyproject.toml", project.encode()), ("PKG-INFO", metadata("citylearn-dds"))):
+            file = tarfile.TarInfo(f"{folder}/{name}")
+            file.size = len(data)
+            archive.addfile(file, io.BytesIO(data))
+    return f"{folder}.tar.gz"

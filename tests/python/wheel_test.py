@@ -23,12 +23,12 @@ class Wheel(unittest.TestCase):
     def setUp(self):
         self.folder = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-"))).resolve()
 
-    def install(self, build, start=None):
+    def install(self, build, start=None, source=SOURCE / "python"):
         """Lets pip install the package of a build, in a shell whose folder is `start`; returns how that ended."""
         start = str(start or self.folder)
         environment = {**os.environ, "CITYLEARN_BUILD": str(build), "PIP_NO_INDEX": "1", "PWD": start}
         command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target",
-                   self.folder / "installed", SOURCE / "python"]
+                   self.folder / "installed", source]
         return subprocess.run(command, env=environment, cwd=start, capture_output=True, text=True, check=False)
 
     def half(self, *missing):
@@ -54,6 +54,28 @@ class Wheel(unittest.TestCase):
                                       cwd=self.folder, capture_output=True, text=True, check=False)
                 self.assertEqual(done.stdout, f"{installed}/citylearn/__init__.py (2, 64)\n", done.stderr)
                 shutil.rmtree(installed)
+
+    def test_an_editable_installation_reads_the_sources(self):
+        python = self.folder / "env/bin/python"
+        environment = {**os.environ, "CITYLEARN_BUILD": str(BUILD), "PIP_NO_INDEX": "1"}
+        program = "import citylearn; print(citylearn.__file__)"
+        for command in ((sys.executable, "-m", "venv", "--system-site-packages", self.folder / "env"),
+                        (python, "-m", "pip", "install", "--quiet", "--no-deps", "--editable", SOURCE / "python"),
+                        (python, "-c", program)):
+            done = subprocess.run(command, env=environment, cwd=self.folder, capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 0, done.stderr)
+        module = BUILD / "python/citylearn/__init__.py"
+        self.assertEqual(done.stdout, f"{module}\n")
+        self.assertEqual(module.resolve(), (SOURCE / "python/citylearn/__init__.py").resolve())
+
+    def test_an_archive_of_the_sources_installs_too(self):
+        program = "import backend, sys; print(backend.build_sdist(sys.argv[1]))"
+        done = subprocess.run([sys.executable, "-B", "-c", program, self.folder], cwd=SOURCE / "python", capture_output=True,
+                              text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = self.install(BUILD, source=self.folder / done.stdout.strip())
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertTrue((self.folder / "installed/citylearn/evaluation.py").is_file())
 
     def package(self, part, depends, files):
         """Makes a Debian package citylearn-PART as `./run package` does, of `files`: texts of programs by path below /usr."""
