@@ -33,14 +33,16 @@ namespace rtps = eprosima::fastrtps::rtps;
 using Duration = eprosima::fastrtps::Duration_t;
 using ReturnCode = eprosima::fastrtps::types::ReturnCode_t;
 inline bool is_ok(ReturnCode code) { return code == ReturnCode::RETCODE_OK; }
-inline bool is_timeout(ReturnCode code) { return code == ReturnCode::RETCODE_TIMEOUT; }
+inline bool is_lost(ReturnCode code) {
+  return code == ReturnCode::RETCODE_TIMEOUT || code == ReturnCode::RETCODE_OUT_OF_RESOURCES;
+}
 inline std::uint32_t number_of(ReturnCode code) { return code(); }
 #else
 namespace rtps = eprosima::fastdds::rtps;
 using Duration = dds::Duration_t;
 using ReturnCode = dds::ReturnCode_t;
 inline bool is_ok(ReturnCode code) { return code == dds::RETCODE_OK; }
-inline bool is_timeout(ReturnCode code) { return code == dds::RETCODE_TIMEOUT; }
+inline bool is_lost(ReturnCode code) { return code == dds::RETCODE_TIMEOUT || code == dds::RETCODE_OUT_OF_RESOURCES; }
 inline std::int32_t number_of(ReturnCode code) { return code; }
 #endif
 
