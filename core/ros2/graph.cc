@@ -36,4 +36,24 @@ Bytes encode_ros2(const Ros2Node& node, std::size_t gid_bytes) {
   return bytes;
 }
 
+bool has_gids_of(std::size_t gid_bytes, std::span<const std::byte> message) {
+  try {
+    CdrReader reader(message);
+    Bytes skipped;
+    const auto skip = [&](std::size_t bytes) {
+      if (bytes > reader.left()) throw CdrError{"cut short"};
+      skipped.resize(bytes);
+      reader.read(skipped.data(), bytes);
+    };
+    skip(gid_bytes);
+    for (std::uint32_t nodes = reader.read_length(); nodes > 0; --nodes) {
+      for (int text = 0; text < 2; ++text) skip(reader.read_length());
+      for (int list = 0; list < 2; ++list) skip(gid_bytes * reader.read_length());
+    }
+    return reader.left() < 4;  // some pad to multiples of 4
+  } catch (const CdrError&) {
+    return false;
+  }
+}
+
 }  // namespace citylearn

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -25,5 +26,8 @@ std::size_t ros2_gid_bytes(const std::string& distro);
 
 /// Returns the CDR bytes of the message.
 Bytes encode_ros2(const Ros2Node& node, std::size_t gid_bytes);
+
+/// Returns whether the bytes are such a message, of any number of nodes, with gids of this size.
+bool has_gids_of(std::size_t gid_bytes, std::span<const std::byte> message);
 
 }  // namespace citylearn

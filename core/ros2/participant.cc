@@ -86,8 +86,9 @@ Ros2Participant::Ros2Participant(const Ros2Options& ros, const std::string& name
   options.participant = name;
   options.user_data = "enclave=/;";
   middleware_ = create_middleware(options);
-  graph_ = middleware_->create_publisher(
-      {kGraphTopic, kGraphType, Profile::kState, kMaxSampleBytes, false, hash_data(kGraphHash)});
+  const Topic graph{kGraphTopic, kGraphType, Profile::kState, kMaxSampleBytes, false, hash_data(kGraphHash)};
+  graph_ = middleware_->create_publisher(graph);
+  other_nodes_ = middleware_->create_subscription(graph);
   std::set<std::string> taken;
   node_ = {middleware_->guid(), "/citylearn", ros2_name(name, "node_", taken), {}, {}};
 }
@@ -117,7 +118,16 @@ std::unique_ptr<Subscription> Ros2Participant::create_subscription(const std::st
 std::vector<std::string> Ros2Participant::poll() {
   if (std::exchange(node_changed_, false)) graph_->publish(encode_ros2(node_, gid_bytes_));
   middleware_->wait(Clock::now());  // Fast DDS announces this process to those that it has just discovered
-  return middleware_->discovery().faults();
+  std::vector<std::string> faults = middleware_->discovery().faults();
+  while (other_nodes_->take(bytes_)) {
+    const std::size_t other = gid_bytes_ == 16 ? 24 : 16;
+    if (other_distro_ || !has_gids_of(other, bytes_)) continue;
+    other_distro_ = true;
+    faults.push_back(other == 16
+                         ? "nodes of ROS 2 Iron or later are here: they see this node with --ros-distro jazzy"
+                         : "nodes of ROS 2 Humble or before are here: they see this node with --ros-distro humble");
+  }
+  return faults;
 }
 
 void Ros2Participant::publish(const Ros2Message& message) {

@@ -65,7 +65,8 @@ class Ros2Participant : public Ros2Sink {
   /// Waits until there may be something to take (true) or the deadline has passed.
   bool wait(Clock::time_point deadline) { return middleware_->wait(deadline); }
   /// Announces the node's endpoints where some are new, and does what the middleware has to do. Call it several times a
-  /// second. Returns the middleware's faults since the last call, a line each: others use a topic with another type.
+  /// second. Returns what is wrong since the last call, a line each: others use a topic with another type, or are of a
+  /// release that does not see this node.
   std::vector<std::string> poll();
 
  private:
@@ -77,8 +78,9 @@ class Ros2Participant : public Ros2Sink {
   std::unique_ptr<Middleware> middleware_;
   std::map<std::string, std::unique_ptr<Publisher>> publishers_;  // by topic
   std::unique_ptr<Publisher> graph_;                              // of node_
-  Ros2Node node_;                                                 // an endpoint stays there until this ends
-  bool node_changed_ = true;
+  std::unique_ptr<Subscription> other_nodes_;
+  Ros2Node node_;  // an endpoint stays there until this ends
+  bool node_changed_ = true, other_distro_ = false;
   Bytes bytes_;
 };
 
