@@ -5,8 +5,8 @@
 FOLDER/ros2.h has all types under the names that ROS 2 gives them on DDS: sensor_msgs/msg/Image is
 sensor_msgs::msg::dds_::Image_ (create_type_name() of ROS 2's rmw_fastrtps and rmw_cyclonedds). FOLDER/ros2_types.inc
 has CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, HASH, SCHEMA) for each type, where SCHEMA is its definition with all that it
-includes, as MCAP wants it (https://mcap.dev/spec/registry, ros2msg), and HASH is ROS 2's from Iron on (REP 2016). FOLDER/ros2_fields.h has visit(), which names a message's
-fields in the order of the wire.
+includes, as MCAP wants it (https://mcap.dev/spec/registry, ros2msg), and HASH is ROS 2's from Iron on (REP 2016).
+FOLDER/ros2_fields.h has visit(), which names a message's fields in the order of the wire.
 
 msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as they are needed.
 int8 becomes octet: older IDL knows no signed one, and on the wire both are one byte.
@@ -95,7 +95,8 @@ for name, one in sorted(types.items()):
     f"#include <{name}>\n" for name in ("array", "cstdint", "string", "utility", "vector")) + "".join(
         types[name].cpp() for name in order), encoding="utf-8")
 (folder / "ros2_types.inc").write_text("".join(
-    f'CITYLEARN_ROS2_TYPE({types[name].package}, {types[name].name}, "{types[name].hash(types)}",\n                    R"MSG({types[name].schema(types)})MSG")\n'
+    f'CITYLEARN_ROS2_TYPE({types[name].package}, {types[name].name}, "{types[name].hash(types)}",\n'
+    f'                    R"MSG({types[name].schema(types)})MSG")\n'
     for name in order), encoding="utf-8")
 (folder / "ros2_fields.h").write_text("#pragma once\n#include <concepts>\n#include <type_traits>\n#include \"ros2/ros2.h\"\nnamespace citylearn {\n" + "".join(
     types[name].visit() for name in order) + "}  // namespace citylearn\n", encoding="utf-8")
