@@ -256,6 +256,7 @@ Network resolve(const MiddlewareOptions& options) {
     throw Error("must be 0.." + std::to_string(internal::kMaxSecureDomain) + " with --security", "domain");
   if (!options.security.empty()) network.security = internal::check_security(options.security, options.participant);
   network.multicast = options.multicast;
+  network.user_data = options.user_data;
   options.multicast ? use_all_interfaces(network) : use_named_interfaces(options, network);
   const auto check_reachable = [&](const Network::Peer& peer, const std::string& option) {
     if (network.loopback_only && !is_loopback(peer.address))

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -25,14 +26,18 @@ enum class Profile {
   kRos2Reliable,  ///< the same, but subscriptions are RELIABLE and match only RELIABLE publishers
 };
 
+/// Identifies a participant, a writer or a reader, in the bytes of the wire. All zero where there is no wire.
+using Guid = std::array<std::uint8_t, 16>;
+
 /// Everything a vendor needs to know about a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the
 /// middleware moves bytes, core/wire/messages.h gives them types.
 struct Topic {
   std::string name;  ///< "citylearn/observation"
   std::string type;  ///< IDL type, "citylearn::msg::Observation"
   Profile profile;
-  std::size_t largest;       ///< bytes of the largest sample, encapsulation included
-  bool read_by_all = false;  ///< every service has a reader
+  std::size_t largest;         ///< bytes of the largest sample, encapsulation included
+  bool read_by_all = false;    ///< every service has a reader
+  std::string user_data = {};  ///< USER_DATA of writers and readers: others see it when they discover them
 };
 
 /// Sends samples of one topic. Used by one thread at a time. Must not outlive its Middleware.
@@ -44,6 +49,7 @@ class Publisher {
   virtual void publish(std::span<const std::byte> sample) = 0;
   /// Returns the number of subscriptions that match now.
   virtual int matched() const = 0;
+  virtual Guid guid() const { return {}; }
   /// Waits until the subscriptions have all samples, at most until the deadline. Only vendors whose publishers resend
   /// nothing once destroyed override it.
   virtual void wait_for_acknowledgments(Clock::time_point) {}
@@ -57,6 +63,7 @@ class Subscription {
   virtual bool take(Bytes& sample) = 0;
   /// Returns the number of publishers that match now.
   virtual int matched() const = 0;
+  virtual Guid guid() const { return {}; }
 };
 
 /// One participant in one DDS domain. Used by one thread at a time.
@@ -69,6 +76,7 @@ class Middleware {
   virtual bool wait(Clock::time_point deadline) = 0;
   /// Returns the participants and endpoints discovered up to now.
   virtual DiscoveryMonitor& discovery() = 0;
+  virtual Guid guid() const { return {}; }
   /// Returns "fastdds", "cyclonedds" or "inprocess"; decorators put their own name in front: "lossy:fastdds".
   virtual std::string name() const = 0;
 };
@@ -87,6 +95,7 @@ struct MiddlewareOptions {
   std::vector<std::string> discovery_servers;  ///< host[:port], instead of asking peers; fastdds only
   std::string security;     ///< folder with this service's keys (docs/how-to/secure-a-run.md); empty: none
   std::string participant;  ///< name shown to other participants
+  std::string user_data;    ///< its USER_DATA, "key=value;" each, likewise
 };
 
 /// Creates the middleware `options.name`: `fastdds`, `cyclonedds`, `inprocess`, or a decorator in front of one:

@@ -128,11 +128,19 @@ class Domain {
   dds_entity_t domain_;
 };
 
-QosOwner endpoint_qos(Profile profile, bool writer) {
+Guid guid_of(dds_entity_t entity) {
+  dds_guid_t guid;
+  require(dds_get_guid(entity, &guid), "name an entity", "cyclonedds");
+  return std::to_array(guid.v);
+}
+
+QosOwner endpoint_qos(const Topic& topic, bool writer) {
+  const Profile profile = topic.profile;
   QosOwner qos = make_qos();
   const Depth depth = depth_of(profile);
   const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
   dds_qset_data_representation(qos.get(), 1, &representation);
+  if (!topic.user_data.empty()) dds_qset_userdata(qos.get(), topic.user_data.data(), topic.user_data.size());
   const bool repeats = writer || profile != Profile::kRos2;
   dds_qset_reliability(qos.get(), repeats ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
                        std::chrono::nanoseconds(kBlocking).count());
@@ -174,7 +182,7 @@ class CycloneTopic {
 class CyclonePublisher : public Publisher {
  public:
   CyclonePublisher(dds_entity_t participant, const Topic& topic) : topic_(topic), dds_topic_(participant, topic) {
-    const QosOwner qos = endpoint_qos(topic.profile, true);
+    const QosOwner qos = endpoint_qos(topic, true);
     writer_ =
         require(dds_create_writer(participant, dds_topic_.entity(), qos.get(), nullptr), "create a writer", where());
   }
@@ -194,6 +202,7 @@ class CyclonePublisher : public Publisher {
     dds_get_publication_matched_status(writer_, &status);
     return static_cast<int>(status.current_count);
   }
+  Guid guid() const override { return guid_of(writer_); }
 
  private:
   std::string where() const { return "topic " + topic_.name; }
@@ -207,7 +216,7 @@ class CycloneSubscription : public Subscription {
  public:
   CycloneSubscription(dds_entity_t participant, const Topic& topic, Wakeup& wakeup)
       : flag_(wakeup), dds_topic_(participant, topic) {
-    const QosOwner qos = endpoint_qos(topic.profile, false);
+    const QosOwner qos = endpoint_qos(topic, false);
     const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);
     dds_lset_data_available(listener.get(),
                             [](dds_entity_t, void* self) { static_cast<CycloneSubscription*>(self)->flag_.raise(); });
@@ -239,6 +248,7 @@ class CycloneSubscription : public Subscription {
     dds_get_subscription_matched_status(reader_, &status);
     return static_cast<int>(status.current_count);
   }
+  Guid guid() const override { return guid_of(reader_); }
 
  private:
   Wakeup::Flag flag_;
@@ -246,7 +256,8 @@ class CycloneSubscription : public Subscription {
   dds_entity_t reader_;
 };
 
-std::string text_of(const dds_guid_t& guid) { return {reinterpret_cast<const char*>(guid.v), sizeof guid.v}; }
+std::string text_of(const Guid& guid) { return {guid.begin(), guid.end()}; }
+std::string text_of(const dds_guid_t& guid) { return text_of(std::to_array(guid.v)); }
 
 /// Returns the type of what a built-in reader reads, once it has read something: this participant itself, at least.
 const ddsi_sertype* type_of(dds_entity_t reader) {
@@ -292,6 +303,7 @@ class CycloneMiddleware : public Middleware {
   explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)), addresses_(network.addresses) {
     const QosOwner qos = make_qos();
     dds_qset_entity_name(qos.get(), network.participant.c_str());
+    if (!network.user_data.empty()) dds_qset_userdata(qos.get(), network.user_data.data(), network.user_data.size());
     if (!network.security.empty()) {
       for (const auto& [name, value] : cyclonedds_security(network.security))
         dds_qset_prop(qos.get(), name.c_str(), value.c_str());
@@ -308,9 +320,7 @@ class CycloneMiddleware : public Middleware {
     participants_ = builtin(DDS_BUILTIN_TOPIC_DCPSPARTICIPANT);
     publications_ = builtin(DDS_BUILTIN_TOPIC_DCPSPUBLICATION);
     subscriptions_ = builtin(DDS_BUILTIN_TOPIC_DCPSSUBSCRIPTION);
-    dds_guid_t guid;
-    require(dds_get_guid(participant_, &guid), "name itself", "cyclonedds");
-    self_ = text_of(guid);
+    self_ = text_of(guid_of(participant_));
     builtin_type_ = type_of(participants_);
     expect_peers(network, discovery_);
   }
@@ -332,6 +342,7 @@ class CycloneMiddleware : public Middleware {
     if (discovered_.exchange(false)) look_at_discovery();
     return discovery_;
   }
+  Guid guid() const override { return guid_of(participant_); }
   std::string name() const override { return "cyclonedds"; }
 
  private:

@@ -31,6 +31,7 @@ constexpr Variable kVariables[] = {
     {"FASTDDS_STATISTICS", "ignored"},
     {"CYCLONEDDS_URI", "ignored; services have --interface, --peers and --domain"},
     {"ROS_DOMAIN_ID", "the default of --ros-domain; services have --domain"},
+    {"ROS_DISTRO", "the default of --ros-distro"},
     {"ROS_LOCALHOST_ONLY", "ignored; say --ros-interface lo"},
     {"ROS_AUTOMATIC_DISCOVERY_RANGE", "ignored; say --ros-interface"},
     {"ROS_STATIC_PEERS", "ignored; say --ros-peers"},

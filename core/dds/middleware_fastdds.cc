@@ -96,12 +96,21 @@ class DiscoveryListener : public FastListener {
   std::atomic<Clock::time_point> answer_at_{Clock::time_point::max()};
 };
 
+std::vector<rtps::octet> octets_of(const std::string& text) { return {text.begin(), text.end()}; }
+
+Guid guid_of(const rtps::GUID_t& guid) {
+  Guid result;
+  std::copy_n(guid.entityId.value, 4, std::copy_n(guid.guidPrefix.value, 12, result.begin()));
+  return result;
+}
+
 /// Returns what writers and readers have in common: nothing is lost of the last `depth` samples.
 template <class Qos>
-Qos reliable_qos(Profile profile, int depth) {
+Qos reliable_qos(const Topic& topic, int depth) {
   Qos qos;
+  qos.user_data().data_vec(octets_of(topic.user_data));
   qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
-  qos.durability().kind = is_kept(profile) ? dds::TRANSIENT_LOCAL_DURABILITY_QOS : dds::VOLATILE_DURABILITY_QOS;
+  qos.durability().kind = is_kept(topic.profile) ? dds::TRANSIENT_LOCAL_DURABILITY_QOS : dds::VOLATILE_DURABILITY_QOS;
   qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = depth;
   qos.resource_limits().max_instances = 1;
@@ -122,7 +131,7 @@ class FastPublisher : public Publisher {
                 int most_kept)
       : publisher_(publisher), topic_(topic), dds_topic_(std::move(dds_topic)) {
     const int depth = std::min(depth_of(topic.profile).writer, most_kept);
-    auto qos = reliable_qos<dds::DataWriterQos>(topic.profile, depth);
+    auto qos = reliable_qos<dds::DataWriterQos>(topic, depth);
     qos.reliability().max_blocking_time = Duration(0, std::chrono::nanoseconds(kBlocking).count());
     qos.durability_service().history_kind = dds::KEEP_LAST_HISTORY_QOS;
     qos.durability_service().history_depth = depth;
@@ -157,6 +166,7 @@ class FastPublisher : public Publisher {
     writer_->get_publication_matched_status(status);
     return status.current_count;
   }
+  Guid guid() const override { return guid_of(writer_->guid()); }
   void wait_for_acknowledgments(Clock::time_point deadline) override {
     const auto left = std::chrono::duration_cast<std::chrono::nanoseconds>(deadline - Clock::now()).count();
     if (left > 0) writer_->wait_for_acknowledgments(Duration(static_cast<long double>(left) * 1e-9L));
@@ -173,7 +183,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
  public:
   FastSubscription(dds::Subscriber* subscriber, TopicOwner dds_topic, const Topic& topic, Wakeup& wakeup)
       : subscriber_(subscriber), flag_(wakeup), dds_topic_(std::move(dds_topic)) {
-    auto qos = reliable_qos<dds::DataReaderQos>(topic.profile, depth_of(topic.profile).reader);
+    auto qos = reliable_qos<dds::DataReaderQos>(topic, depth_of(topic.profile).reader);
     if (topic.profile == Profile::kRos2) qos.reliability().kind = dds::BEST_EFFORT_RELIABILITY_QOS;
     fast::repair_at_once(qos);
     reader_ = subscriber_->create_datareader(dds_topic_.get(), qos, this, dds::StatusMask::data_available());
@@ -201,6 +211,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
     reader_->get_subscription_matched_status(status);
     return status.current_count;
   }
+  Guid guid() const override { return guid_of(reader_->guid()); }
 
  private:
   void on_data_available(dds::DataReader*) override { flag_.raise(); }
@@ -251,10 +262,12 @@ class FastMiddleware : public Middleware {
   explicit FastMiddleware(const Network& network)
       : heartbeat_(network.loopback_only ? kLoopbackHeartbeat : kHeartbeat),
         most_kept_(network.security.empty() ? std::numeric_limits<int>::max() : kSecuredDepth),
+        user_data_(network.user_data),
         answers_again_(network.security.empty() && !(network.multicast && std::getenv("ROS_DISCOVERY_SERVER"))) {
     forward_log_once();
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
+    qos.user_data().data_vec(octets_of(user_data_));
     auto udp = std::make_shared<fast::transport::UDPv4TransportDescriptor>();
     if (!network.multicast) udp->interfaceWhiteList = network.addresses;
     udp->maxInitialPeersRange = kParticipants;
@@ -324,6 +337,7 @@ class FastMiddleware : public Middleware {
     return wakeup_.wait(deadline);
   }
   DiscoveryMonitor& discovery() override { return discovery_; }
+  Guid guid() const override { return guid_of(participant_->guid()); }
   std::string name() const override { return "fastdds"; }
 
  private:
@@ -331,7 +345,7 @@ class FastMiddleware : public Middleware {
   void announce() {
     discovery_listener_.answered();
     dds::DomainParticipantQos qos = participant_->get_qos();
-    qos.user_data().data_vec({++announcement_});
+    qos.user_data().data_vec(octets_of(user_data_ + "n=" + std::to_string(++announcement_) + ";"));
     participant_->set_qos(qos);
   }
   /// Returns the period for a new writer. One that all services read sends each of them every heartbeat until the last
@@ -365,9 +379,10 @@ class FastMiddleware : public Middleware {
 
   const std::uint32_t heartbeat_;  // ns, the shortest period
   const int most_kept_;            // samples of a writer
+  const std::string user_data_;
   // In a secured session participants repeat what they say to prove who they are; servers tell of everybody.
   const bool answers_again_;
-  rtps::octet announcement_ = 0;
+  std::uint8_t announcement_ = 0;
   DiscoveryMonitor discovery_;
   DiscoveryListener discovery_listener_{discovery_};
   Wakeup wakeup_;

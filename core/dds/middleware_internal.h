@@ -65,6 +65,7 @@ struct Network {
   std::vector<Peer> peers;              ///< this host's own addresses come first
   std::vector<Peer> discovery_servers;  ///< each with a port
   std::string security;                 ///< folder with keys; empty: none
+  std::string user_data = {};           ///< of the participant
   bool multicast = false;               ///< the vendor's own settings hold, but for peers; `addresses` are this host's
 };
 

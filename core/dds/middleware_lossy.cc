@@ -85,6 +85,7 @@ class LossyPublisher : public Publisher {
     flush();
   }
   int matched() const override { return inner_->matched(); }
+  Guid guid() const override { return inner_->guid(); }
   void wait_for_acknowledgments(Clock::time_point deadline) override { inner_->wait_for_acknowledgments(deadline); }
 
   void flush() {
@@ -118,6 +119,7 @@ class LossyMiddleware : public Middleware {
     return inner_->wait(deadline);
   }
   DiscoveryMonitor& discovery() override { return inner_->discovery(); }
+  Guid guid() const override { return inner_->guid(); }
   std::string name() const override { return "lossy:" + inner_->name(); }
 
  private:

@@ -4,13 +4,15 @@
 
 FOLDER/ros2.h has all types under the names that ROS 2 gives them on DDS: sensor_msgs/msg/Image is
 sensor_msgs::msg::dds_::Image_ (create_type_name() of ROS 2's rmw_fastrtps and rmw_cyclonedds). FOLDER/ros2_types.inc
-has CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) for each type, where SCHEMA is its definition with all that it includes,
-as MCAP wants it (https://mcap.dev/spec/registry, ros2msg). FOLDER/ros2_fields.h has visit(), which names a message's
-fields in the order of the wire.
+has CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, HASH, SCHEMA) for each type, where SCHEMA is its definition with all that it
+includes, as MCAP wants it (https://mcap.dev/spec/registry, ros2msg), and HASH is ROS 2's from Iron on (REP 2016).
+FOLDER/ros2_fields.h has visit(), which names a message's fields in the order of the wire.
 
 msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as they are needed.
 int8 becomes octet: older IDL knows no signed one, and on the wire both are one byte.
 """
+import hashlib
+import json
 import re
 import sys
 from pathlib import Path
@@ -21,6 +23,9 @@ from classes import NUMBERS as CPP, class_of  # noqa: E402
 NUMBERS = {"bool": "boolean", "int8": "octet", "uint8": "octet", "int16": "short", "uint16": "unsigned short",
            "int32": "long", "uint32": "unsigned long", "int64": "long long", "uint64": "unsigned long long",
            "float32": "float", "float64": "double", "string": "string"}
+# type_description_interfaces/msg/FieldType: these, 48 more of an array, 144 more of a sequence without a bound.
+TYPE_IDS = {name: number for number, name in enumerate("nested int8 uint8 int16 uint16 int32 uint32 int64 uint64 float32 "
+                                                       "float64".split(), 1)} | {"bool": 15, "string": 17}
 FIELD = re.compile(r"([a-zA-Z][\w/]*)(\[\d*\])?\s+([a-z]\w*)(\s|$)")
 
 
@@ -51,6 +56,18 @@ class Type:
         parts = [f"{'=' * 80}\nMSG: {name}\n{types[name].text}" for name in self.includes(types)]
         return "".join([self.text] + parts)
 
+    def description(self):
+        fields = [{"name": name, "type": {
+            "type_id": TYPE_IDS.get(kind, TYPE_IDS["nested"]) + (144 if array == "[]" else 48 if array else 0),
+            "capacity": int(array[1:-1] or 0) if array else 0, "string_capacity": 0,
+            "nested_type_name": "" if kind in NUMBERS else kind.replace("/", "/msg/")}} for kind, array, name in self.fields]
+        return {"type_name": f"{self.package}/msg/{self.name}", "fields": fields}
+
+    def hash(self, types):
+        referenced = sorted((types[name].description() for name in self.includes(types)), key=lambda one: one["type_name"])
+        text = json.dumps({"type_description": self.description(), "referenced_type_descriptions": referenced})
+        return f"RIHS01_{hashlib.sha256(text.encode()).hexdigest()}"
+
     def cpp(self):
         def member(kind, array):
             number = NUMBERS.get(kind)
@@ -78,7 +95,8 @@ for name, one in sorted(types.items()):
     f"#include <{name}>\n" for name in ("array", "cstdint", "string", "utility", "vector")) + "".join(
         types[name].cpp() for name in order), encoding="utf-8")
 (folder / "ros2_types.inc").write_text("".join(
-    f'CITYLEARN_ROS2_TYPE({types[name].package}, {types[name].name}, R"MSG({types[name].schema(types)})MSG")\n'
+    f'CITYLEARN_ROS2_TYPE({types[name].package}, {types[name].name}, "{types[name].hash(types)}",\n'
+    f'                    R"MSG({types[name].schema(types)})MSG")\n'
     for name in order), encoding="utf-8")
 (folder / "ros2_fields.h").write_text("#pragma once\n#include <concepts>\n#include <type_traits>\n#include \"ros2/ros2.h\"\nnamespace citylearn {\n" + "".join(
     types[name].visit() for name in order) + "}  // namespace citylearn\n", encoding="utf-8")

@@ -67,19 +67,19 @@ bool decode_ros2(std::span<const std::byte> bytes, Message& message) {
   }
 }
 
-#define CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA)                                                  \
-  template <>                                                                                       \
-  const Ros2Type& ros2_type_of<PACKAGE::msg::dds_::TYPE##_>() {                                     \
-    static const Ros2Type type{#PACKAGE "/msg/" #TYPE, #PACKAGE "::msg::dds_::" #TYPE "_", SCHEMA}; \
-    return type;                                                                                    \
-  }                                                                                                 \
-  template void encode_ros2(const PACKAGE::msg::dds_::TYPE##_& message, Bytes& bytes);              \
+#define CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, HASH, SCHEMA)                                                  \
+  template <>                                                                                             \
+  const Ros2Type& ros2_type_of<PACKAGE::msg::dds_::TYPE##_>() {                                           \
+    static const Ros2Type type{#PACKAGE "/msg/" #TYPE, #PACKAGE "::msg::dds_::" #TYPE "_", HASH, SCHEMA}; \
+    return type;                                                                                          \
+  }                                                                                                       \
+  template void encode_ros2(const PACKAGE::msg::dds_::TYPE##_& message, Bytes& bytes);                    \
   template bool decode_ros2(std::span<const std::byte> bytes, PACKAGE::msg::dds_::TYPE##_& message);
 #include "ros2/ros2_types.inc"
 #undef CITYLEARN_ROS2_TYPE
 
 const Ros2Type* ros2_type(const std::string& name) {
-#define CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) \
+#define CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, HASH, SCHEMA) \
   if (name == #PACKAGE "/msg/" #TYPE) return &ros2_type_of<PACKAGE::msg::dds_::TYPE##_>();
 #include "ros2/ros2_types.inc"
   return nullptr;

@@ -13,6 +13,7 @@ namespace citylearn {
 struct Ros2Type {
   std::string name;    ///< "sensor_msgs/msg/CompressedImage"
   std::string dds;     ///< its name on DDS: "sensor_msgs::msg::dds_::CompressedImage_"
+  std::string hash;    ///< of its definition, as ROS 2 compares it from Iron on: "RIHS01_" and 64 hexadecimal digits
   std::string schema;  ///< its definition with all that it includes, as MCAP's ros2msg
 };
 

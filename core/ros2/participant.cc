@@ -4,8 +4,11 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
+#include <cstdlib>
+#include <utility>
 
 #include "core/files/image_header.h"
+#include "core/ros2/name.h"
 #include "core/util/error.h"
 
 namespace citylearn {
@@ -14,21 +17,36 @@ namespace {
 const std::string kAll = "all";
 constexpr std::size_t kMaxSampleBytes = kMaxImageBytes + 4096;  // a picture, and what stands before it
 
+// rmw_dds_common's topic of nodes. Its type is not in msg/: a gid's size depends on the release.
+const std::string kGraphTopic = "ros_discovery_info",
+                  kGraphType = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_",
+                  kGraphHash = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e";
+
+/// Returns the USER_DATA by which nodes know the definition of a topic's type.
+std::string hash_data(const std::string& hash) { return "typehash=" + hash + ";"; }
+
 }  // namespace
 
-MiddlewareOptions ros2_defaults() {
-  MiddlewareOptions ros;
+Ros2Options ros2_defaults() {
+  Ros2Options ros;
   for (const auto& [name, help] : list_middlewares())
     if (name == "fastdds") ros.name = name;
   ros.interfaces = {kAll};
+  // Not an option's environment variable: ROS 1, and releases to come, set it to others, which is no mistake.
+  const char* const distro = std::getenv("ROS_DISTRO");
+  if (distro && std::ranges::count(ros2_distros(), distro)) ros.distro = distro;
   return ros;
 }
 
-void add_ros2_options(CLI::App& app, MiddlewareOptions& ros) {
+void add_ros2_options(CLI::App& app, Ros2Options& ros) {
   app.add_option("--ros-domain", ros.domain, "Domain of the nodes of ROS 2")
       ->envname("ROS_DOMAIN_ID")
       ->capture_default_str()
       ->check(CLI::Range(0, 232));
+  app.add_option("--ros-distro", ros.distro,
+                 "Release of the nodes: up to humble, they know nodes by longer numbers ($ROS_DISTRO, where known)")
+      ->capture_default_str()
+      ->check(CLI::IsMember(ros2_distros()));
   app.add_option("--ros-middleware", ros.name, "fastdds or cyclonedds; nodes may use either")
       ->capture_default_str()
       ->check([](const std::string& name) {
@@ -58,24 +76,58 @@ std::string ros2_topic(const std::string& name, const std::string& where) {
   return topic;
 }
 
-Ros2Participant::Ros2Participant(const MiddlewareOptions& ros, const std::string& name, const MiddlewareOptions* own) {
+Ros2Participant::Ros2Participant(const Ros2Options& ros, const std::string& name, const MiddlewareOptions* own)
+    : gid_bytes_(ros2_gid_bytes(ros.distro)) {
   if (own && ros.name == own->name && ros.name == "cyclonedds" && ros.domain == own->domain)
     throw Error("Cyclone DDS cannot serve both sides in domain " + std::to_string(ros.domain), "--ros-middleware",
                 "use fastdds there, or another domain on one side");
   MiddlewareOptions options = ros;
   options.multicast = ros.interfaces == std::vector{kAll};
   options.participant = name;
+  options.user_data = "enclave=/;";
   middleware_ = create_middleware(options);
+  const Topic graph{kGraphTopic, kGraphType, Profile::kState, kMaxSampleBytes, false, hash_data(kGraphHash)};
+  graph_ = middleware_->create_publisher(graph);
+  other_nodes_ = middleware_->create_subscription(graph);
+  std::set<std::string> taken;
+  node_ = {middleware_->guid(), "/citylearn", ros2_name(name, "node_", taken), {}, {}};
 }
 
 Topic Ros2Participant::dds_topic(const std::string& topic, const Ros2Type& type, Profile profile) {
-  return {"rt" + topic, type.dds, profile, kMaxSampleBytes};
+  return {"rt" + topic, type.dds, profile, kMaxSampleBytes, false, hash_data(type.hash)};
 }
 
 Publisher& Ros2Participant::publisher(const std::string& topic, const Ros2Type& type) {
   std::unique_ptr<Publisher>& publisher = publishers_[topic];
-  if (!publisher) publisher = middleware_->create_publisher(dds_topic(topic, type, Profile::kRos2));
+  if (!publisher) {
+    publisher = middleware_->create_publisher(dds_topic(topic, type, Profile::kRos2));
+    node_.writers.push_back(publisher->guid());
+    node_changed_ = true;
+  }
   return *publisher;
+}
+
+std::unique_ptr<Subscription> Ros2Participant::create_subscription(const std::string& topic, const Ros2Type& type,
+                                                                   Profile profile) {
+  auto subscription = middleware_->create_subscription(dds_topic(topic, type, profile));
+  node_.readers.push_back(subscription->guid());
+  node_changed_ = true;
+  return subscription;
+}
+
+std::vector<std::string> Ros2Participant::poll() {
+  if (std::exchange(node_changed_, false)) graph_->publish(encode_ros2(node_, gid_bytes_));
+  middleware_->wait(Clock::now());  // Fast DDS announces this process to those that it has just discovered
+  std::vector<std::string> faults = middleware_->discovery().faults();
+  while (other_nodes_->take(bytes_)) {
+    const std::size_t other = gid_bytes_ == 16 ? 24 : 16;
+    if (other_distro_ || !has_gids_of(other, bytes_)) continue;
+    other_distro_ = true;
+    faults.push_back(other == 16
+                         ? "nodes of ROS 2 Iron or later are here: they see this node with --ros-distro jazzy"
+                         : "nodes of ROS 2 Humble or before are here: they see this node with --ros-distro humble");
+  }
+  return faults;
 }
 
 void Ros2Participant::publish(const Ros2Message& message) {

@@ -4,9 +4,11 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/dds/middleware.h"
+#include "core/ros2/graph.h"
 #include "core/ros2/messages.h"
 
 namespace CLI {
@@ -15,11 +17,17 @@ class App;
 
 namespace citylearn {
 
-/// Returns the options by which nodes with their default settings are met: Fast DDS, domain 0, multicast.
-MiddlewareOptions ros2_defaults();
+/// How nodes are met.
+struct Ros2Options : MiddlewareOptions {
+  Ros2Options(MiddlewareOptions middleware = {}) : MiddlewareOptions(std::move(middleware)) {}
+  std::string distro = "jazzy";  ///< their release, one of ros2_distros()
+};
 
-/// Adds --ros-domain (ROS_DOMAIN_ID), --ros-middleware, --ros-interface and --ros-peers.
-void add_ros2_options(CLI::App& app, MiddlewareOptions& ros);
+/// Returns the options by which nodes with their default settings are met: Fast DDS, domain 0, multicast.
+Ros2Options ros2_defaults();
+
+/// Adds --ros-domain (ROS_DOMAIN_ID), --ros-distro (ROS_DISTRO), --ros-middleware, --ros-interface and --ros-peers.
+void add_ros2_options(CLI::App& app, Ros2Options& ros);
 
 /// Returns the topic's name as ROS 2 writes it: "/camera/image", also for "camera/image" and for "rt/camera/image" of
 /// DDS. Throws Error naming `where` unless it is one: names of letters, digits and '_', with '/' between.
@@ -28,13 +36,14 @@ std::string ros2_topic(const std::string& name, const std::string& where);
 template <class Message>
 class Ros2Subscription;
 
-/// Speaks and listens to nodes of ROS 2: "/a/b" is the DDS topic "rt/a/b". It publishes with the qualities of ROS 2's
-/// default, which subscriptions of that and of sensor data both accept. Used by one thread.
+/// A node of ROS 2. It speaks and listens to others: "/a/b" is the DDS topic "rt/a/b". It publishes with the qualities
+/// of ROS 2's default, which subscriptions of that and of sensor data both accept. Used by one thread.
 class Ros2Participant : public Ros2Sink {
  public:
-  /// `ros`: as add_ros2_options(). `own`: how this process meets CityLearn's services; null: it does not. Throws Error
-  /// when both cannot be served by one process, or the middleware cannot start.
-  Ros2Participant(const MiddlewareOptions& ros, const std::string& name, const MiddlewareOptions* own);
+  /// `name`: of the node /citylearn/NAME, with '_' for what it may not have. `own`: how this process meets CityLearn's
+  /// services; null: it does not. Throws Error when both cannot be served by one process, or the middleware cannot
+  /// start.
+  Ros2Participant(const Ros2Options& ros, const std::string& name, const MiddlewareOptions* own);
 
   void publish(const Ros2Message& message) override;
   template <class Message>
@@ -50,21 +59,28 @@ class Ros2Participant : public Ros2Sink {
   /// Subscribes as to sensor data: every publisher matches, but messages may be lost. With kRos2Reliable none is lost.
   template <class Message>
   Ros2Subscription<Message> subscribe(const std::string& topic, Profile profile = Profile::kRos2) {
-    return Ros2Subscription<Message>(
-        middleware_->create_subscription(dds_topic(topic, ros2_type_of<Message>(), profile)));
+    return Ros2Subscription<Message>(create_subscription(topic, ros2_type_of<Message>(), profile));
   }
 
   /// Waits until there may be something to take (true) or the deadline has passed.
   bool wait(Clock::time_point deadline) { return middleware_->wait(deadline); }
-  /// Returns the middleware's faults since the last call, a line each: others use a topic with another type.
-  std::vector<std::string> faults() { return middleware_->discovery().faults(); }
+  /// Announces the node's endpoints where some are new, and does what the middleware has to do. Call it several times a
+  /// second. Returns what is wrong since the last call, a line each: others use a topic with another type, or are of a
+  /// release that does not see this node.
+  std::vector<std::string> poll();
 
  private:
   static Topic dds_topic(const std::string& topic, const Ros2Type& type, Profile profile);
   Publisher& publisher(const std::string& topic, const Ros2Type& type);
+  std::unique_ptr<Subscription> create_subscription(const std::string& topic, const Ros2Type& type, Profile profile);
 
+  const std::size_t gid_bytes_;
   std::unique_ptr<Middleware> middleware_;
   std::map<std::string, std::unique_ptr<Publisher>> publishers_;  // by topic
+  std::unique_ptr<Publisher> graph_;                              // of node_
+  std::unique_ptr<Subscription> other_nodes_;
+  Ros2Node node_;  // an endpoint stays there until this ends
+  bool node_changed_ = true, other_distro_ = false;
   Bytes bytes_;
 };
 

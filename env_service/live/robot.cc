@@ -129,7 +129,7 @@ void Robot::begin_to_look(Clock::time_point now, std::uint64_t settle) {
 
 std::optional<Sighting> Robot::poll(Clock::time_point now) {
   senses_.poll();
-  for (const std::string& fault : ros_.faults()) {
+  for (const std::string& fault : ros_.poll()) {
     spdlog::error("{}", fault);
     if (goals_ && fault.starts_with("topic rt" + goals_->name() + ":")) refuse_goal("it is of another type");
   }

@@ -14,7 +14,7 @@ const std::map<std::string, PositionSource> kSources = {
 
 }  // namespace
 
-void add_robot_topics(CLI::App& app, RobotTopics& topics, MiddlewareOptions& ros) {
+void add_robot_topics(CLI::App& app, RobotTopics& topics, Ros2Options& ros) {
   app.add_option("--camera", topics.camera,
                  "Topic of the robot's camera: sensor_msgs/CompressedImage where it ends in /compressed, else Image")
       ->type_name("TOPIC");

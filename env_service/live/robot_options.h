@@ -28,7 +28,7 @@ struct RobotTopics {
 
 /// Options for driving a robot along a route that it was taught.
 struct RobotOptions {
-  MiddlewareOptions ros = ros2_defaults();
+  Ros2Options ros = ros2_defaults();
   RobotTopics topics;
   std::string goal;                            ///< --goal: where it is sent; empty: the task draws goals
   std::string status = "/citylearn/status";    ///< --status: std_msgs/String goes there, when it is sent to goals
@@ -42,7 +42,7 @@ struct RobotOptions {
 };
 
 /// Adds the options of RobotTopics and those of ROS 2's side.
-void add_robot_topics(CLI::App& app, RobotTopics& topics, MiddlewareOptions& ros);
+void add_robot_topics(CLI::App& app, RobotTopics& topics, Ros2Options& ros);
 /// Adds all of RobotOptions; `group` heads them in --help.
 void add_robot_options(CLI::App& app, RobotOptions& robot, const std::string& group);
 

@@ -59,6 +59,9 @@ class Recordings(unittest.TestCase):
         self.run_program("tools/ros2/citylearn_ros2", "--open", sample, "--output", path, "--agents", "2", "--speed", ".5")
         expected = {(each["topic"], int(each["time"])): each for each in json.loads(Path(f"{sample}.json").read_text())}
         by_mcap = {(each.channel.topic, each.log_time_ns): (each.schema.name, each.ros_msg) for each in read_ros2_messages(path)}
+        types = get_typestore(Stores.ROS2_JAZZY)
+        for each in read_ros2_messages(path):
+            self.assertEqual(each.channel.metadata["topic_type_hash"], types.hash_rihs01(each.schema.name))
         with AnyReader([path]) as reader:
             by_rosbags = {(connection.topic, time): (connection.msgtype, reader.deserialize(data, connection.msgtype))
                           for connection, time, data in reader.messages()}

@@ -51,6 +51,7 @@ for await (const message of file.readMessages()) {
   const channel = file.channelsById.get(message.channelId);
   assert.equal(channel.messageEncoding, "cdr");
   assert.ok(channel.metadata.has("offered_qos_profiles"));
+  assert.match(channel.metadata.get("topic_type_hash"), /^RIHS01_[0-9a-f]{64}$/);
   const fields = plain(decoders.get(channel.schemaId).readMessage(message.data));
   read.push({ topic: channel.topic, type: file.schemasById.get(channel.schemaId).name, time: String(message.logTime), fields });
 }

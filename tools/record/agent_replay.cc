@@ -126,8 +126,7 @@ class Decisions {
 
   template <class Message>
   std::uint16_t add(const std::string& name) {
-    const Ros2Type& type = ros2_type_of<Message>();
-    return bag_.add({"/citylearn/" + agent_.name + "/" + name, type.name, "ros2msg", type.schema, "cdr"});
+    return bag_.add("/citylearn/" + agent_.name + "/" + name, ros2_type_of<Message>());
   }
   template <class Message, class Value>
   void write(std::uint16_t channel, Value value, std::uint64_t time) {
@@ -144,11 +143,13 @@ class Decisions {
   Bytes bytes_;
 };
 
-/// Adds a bag's topic to another bag, with the definition that the first one may lack.
+/// Adds a bag's topic to another bag, with the definition and the hash that the first one may lack.
 std::uint16_t add_topic(Ros2BagWriter& bag, const BagTopic& topic) {
-  if (const Ros2Type* type = ros2_type(topic.type); type && topic.schema.empty())
-    return bag.add({topic.name, topic.type, "ros2msg", type->schema, topic.encoding});
-  return bag.add({topic.name, topic.type, topic.schema_encoding, topic.schema, topic.encoding});
+  const Ros2Type* type = topic.encoding == "cdr" ? ros2_type(topic.type) : nullptr;
+  if (type && topic.schema.empty()) return bag.add(topic.name, *type);
+  const std::string hash = type ? type->hash : "";
+  return bag.add(
+      {topic.name, topic.type, topic.schema_encoding, topic.schema, topic.encoding, {{"topic_type_hash", hash}}});
 }
 
 }  // namespace

@@ -14,7 +14,7 @@ using namespace citylearn;
 
 struct CommandLine {
   SimulatedRobotOptions robot;
-  MiddlewareOptions ros = ros2_defaults();
+  Ros2Options ros = ros2_defaults();
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
@@ -58,14 +58,14 @@ void add_options(CLI::App& app, CommandLine& line) {
 }
 
 int drive(const CommandLine& line) {
-  Ros2Participant ros(line.ros, "citylearn_robot", nullptr);
+  Ros2Participant ros(line.ros, "simulated_robot", nullptr);
   SimulatedRobot robot(line.robot, ros);
   spdlog::info("a robot in {}, on {} m of road, in domain {} of ROS 2 over {}", line.robot.look, line.robot.metres,
                line.ros.domain, line.ros.name);
   while (!stop_requested() && !robot.at_end()) {
     robot.advance(Clock::now());
     ros.wait(robot.due());
-    for (const std::string& fault : ros.faults()) spdlog::error("{}", fault);
+    for (const std::string& fault : ros.poll()) spdlog::error("{}", fault);
   }
   spdlog::info("the robot ends at {:.1f} m; {} pictures", robot.metres(), robot.pictures());
   return 0;

@@ -15,7 +15,7 @@ using namespace citylearn;
 
 struct CommandLine {
   TeachOptions teach;
-  MiddlewareOptions ros = ros2_defaults();
+  Ros2Options ros = ros2_defaults();
   int frames = std::numeric_limits<int>::max();
 };
 
@@ -44,7 +44,7 @@ void add_options(CLI::App& app, CommandLine& line) {
 
 int teach(const CommandLine& line) {
   using std::chrono::seconds;
-  Ros2Participant ros(line.ros, "citylearn_teach", nullptr);
+  Ros2Participant ros(line.ros, "teach", nullptr);
   Teacher teacher(line.teach, ros);
   spdlog::info("listens to {} in domain {} of ROS 2 over {}", line.teach.topics.camera, line.ros.domain, line.ros.name);
   Clock::time_point next_report = Clock::now() + seconds(2);
@@ -52,7 +52,7 @@ int teach(const CommandLine& line) {
   while (!stop_requested() && teacher.frames() < line.frames) {
     ros.wait(Clock::now() + std::chrono::milliseconds(20));
     teacher.poll();
-    for (const std::string& fault : ros.faults()) spdlog::error("{}", fault);
+    for (const std::string& fault : ros.poll()) spdlog::error("{}", fault);
     if (std::exchange(cameras, teacher.senses().cameras()) != teacher.senses().cameras())
       spdlog::log(cameras > 1 ? spdlog::level::warn : spdlog::level::info, "listens to {} camera{} on {}", cameras,
                   cameras == 1 ? "" : "s", line.teach.topics.camera);

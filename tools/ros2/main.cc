@@ -28,8 +28,7 @@ class Ros2File : public Ros2Sink {
   explicit Ros2File(const std::string& path) : writer_(path) {}
   void publish(const Ros2Message& message) override {
     std::uint16_t& channel = channels_[message.topic];
-    if (channel == 0)
-      channel = writer_.add({message.topic, message.type->name, "ros2msg", message.type->schema, "cdr"});
+    if (channel == 0) channel = writer_.add(message.topic, *message.type);
     writer_.write(channel, message.time, message.data);
     ++counts_[message.topic];
   }
@@ -54,7 +53,7 @@ class Ros2File : public Ros2Sink {
 struct CommandLine {
   std::vector<std::string> open;
   std::string output;
-  MiddlewareOptions ros = ros2_defaults();
+  Ros2Options ros = ros2_defaults();
   Ros2Bridge::Options bridge;
   Node::Options node;
   CLI::Option* session = nullptr;
@@ -165,7 +164,7 @@ int bridge(const CommandLine& line) {
     spdlog::warn("--security holds for CityLearn's side: ROS 2's is not encrypted");
   Ros2Participant participant(line.ros, line.node.id, &line.node.middleware);
   run(line, participant, "publishes to ROS 2 in domain " + std::to_string(line.ros.domain), [&] {
-    for (const std::string& fault : participant.faults()) spdlog::error("{}", fault);
+    for (const std::string& fault : participant.poll()) spdlog::error("{}", fault);
   });
   return 0;
 }
