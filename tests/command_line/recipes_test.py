@@ -32,6 +32,7 @@ ELSEWHERE = {
     "./run vpr $D": "takes recordings that not everybody has",
     "./run paper": "tests/system/paper_report_test.cc",
     "./run data info DIR --kitti-camera": "tests/unit/env_service",
+    "./run data check DIR --picture": "tests/unit/tools",
     "./run data info BAGS": "tests/unit/env_service",
     "./run demo --data BAGS": "takes recordings that not everybody has",
     "./run data info DIR --plain-clock-offset": "tests/unit/env_service",
