@@ -47,10 +47,11 @@ Error no_traversals(const std::string& folder) {
         deep = deep.empty() ? at->path().parent_path().string() : std::min(deep, at->path().parent_path().string());
   }
   if (!deep.empty())
-    return Error("no traversals found; pictures or films are in " + path_below(deep, folder), folder,
+    return Error("no traversals found; pictures or films are in " + one_line(path_below(deep, folder)), folder,
                  "--data names the folder of which each folder, or film, is a traversal");
   std::string there;
-  for (const auto& [kind, count] : kinds) there += (there.empty() ? "" : ", ") + std::to_string(count) + " " + kind;
+  for (const auto& [kind, count] : kinds)
+    there += (there.empty() ? "" : ", ") + std::to_string(count) + " " + one_line(kind);
   return Error("no traversals found; expected NAME/, NAME.mp4 or NAME.csv", folder,
                there.empty() ? "" : "files there: " + there);
 }

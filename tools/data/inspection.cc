@@ -27,6 +27,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr int kFewestCompared = 48;  // frames; fewer tell too little
 constexpr double kNear = 25;         // metres between places that are taken for the same
+constexpr double kMinStep = 2;       // metres between places that are compared
 constexpr int kFewestSteps = 5;      // that show which way a recording runs
 
 /// Returns the JSON's text. Bytes that are not UTF-8 are replaced.
@@ -103,35 +104,47 @@ void compare_by_sight(Dataset& dataset, const std::vector<Traversal>& traversals
       }
 }
 
+/// Returns the known places of a route with their frames, without those that hardly differ from the one before.
+std::vector<std::pair<Point, int>> thinned(const Route& route) {
+  std::vector<std::pair<Point, int>> places;
+  for (std::size_t i = 0; i < route.latitude.size(); ++i) {
+    if (!std::isfinite(route.latitude[i]) || !std::isfinite(route.longitude[i])) continue;
+    const Point place = on_earth(route.latitude[i], route.longitude[i]);
+    if (places.empty() || metres_between(place, places.back().first) >= kMinStep)
+      places.emplace_back(place, static_cast<int>(i));
+  }
+  return places;
+}
+
 /// Adds a line where a recording runs the other way than the first one with places, or, of the user's `own`, elsewhere.
 void compare_by_place(const std::vector<Route>& routes, bool own, Inspection& found) {
   if (routes.empty()) return;
   Grid grid(kNear);
-  const auto known = [](const Route& route, std::size_t i) { return std::isfinite(route.latitude[i]); };
-  for (std::size_t i = 0; i < routes[0].latitude.size(); ++i)
-    if (known(routes[0], i)) grid.add(on_earth(routes[0].latitude[i], routes[0].longitude[i]), static_cast<int>(i));
+  for (const auto& [place, frame] : thinned(routes[0])) grid.add(place, frame);
   std::vector<Grid::Near> near;
   for (std::size_t other = 1; other < routes.size(); ++other) {
-    const Route& route = routes[other];
-    int places = 0, near_places = 0, along = 0, against = 0, before = -1;
-    for (std::size_t i = 0; i < route.latitude.size(); ++i) {
-      if (!known(route, i)) continue;
-      ++places;
-      grid.near(on_earth(route.latitude[i], route.longitude[i]), near);
-      if (near.empty()) continue;
-      ++near_places;
+    const auto places = thinned(routes[other]);
+    std::size_t far = 0;
+    int along = 0, against = 0, before = -1;
+    for (const auto& [place, index] : places) {
+      grid.near(place, near);
+      if (near.empty()) {
+        ++far;
+        continue;
+      }
       const int frame =
           std::min_element(near.begin(), near.end(), [](auto& a, auto& b) { return a.metres < b.metres; })->frame;
       along += before >= 0 && frame > before;
       against += before >= 0 && frame < before;
       before = frame;
     }
+    const std::string &name = routes[other].name, &first = routes[0].name;
     if (against >= kFewestSteps && against > 3 * along)
-      found.notes.push_back(route.name + " runs the other way than " + routes[0].name +
+      found.notes.push_back(name + " runs the other way than " + first +
                             ", by latitude and longitude: cameras that look ahead see other things");
-    if (own && 2 * near_places < places)
-      found.notes.push_back(std::to_string(places - near_places) + " of " + std::to_string(places) + " places of " +
-                            route.name + " are farther than " + fixed(kNear, 0) + " m from all of " + routes[0].name);
+    if (own && 2 * far > places.size())
+      found.notes.push_back(std::to_string(far) + " of " + std::to_string(places.size()) + " places of " + name +
+                            " are farther than " + fixed(kNear, 0) + " m from all of " + first);
   }
 }
 
