@@ -238,7 +238,7 @@ class Plain : public FolderDataset {
           add(file.substr(0, file.size() - 4), file);
     } catch (const Error& error) {
       if (is_folder(folder_)) throw;
-      throw Error(error.what(), "", "--data names the folder that holds the NAME.csv files");
+      throw Error(error.what(), "", "--data names the folder that holds NAME/, NAME.mp4 or NAME.csv");
     }
     if (found.empty() && !picture_folders(folder_, 0).empty())
       throw Error("holds pictures itself", folder_,

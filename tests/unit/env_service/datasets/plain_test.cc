@@ -153,7 +153,7 @@ TEST_F(Plain, MissingFolder) {
   EXPECT_THROW(make_dataset("plain"), Error);
   const std::string missing = folder_ / "missing";
   EXPECT_EQ(error_of([&] { make_dataset("plain", missing)->names(); }),
-            missing + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
+            missing + ": No such file or directory (--data names the folder that holds NAME/, NAME.mp4 or NAME.csv)");
   EXPECT_EQ(error_of([&] { make_dataset("plain", folder_.path())->load("x"); }),
             folder_.path() + ": no traversals found; expected NAME/, NAME.mp4 or NAME.csv");
 }
