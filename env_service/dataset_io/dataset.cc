@@ -1,12 +1,60 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/dataset.h"
 
+#include <algorithm>
+#include <filesystem>
+#include <map>
+
 #include "core/task/live.h"
 #include "core/util/text.h"
 #include "env_service/files/files.h"
 
 namespace citylearn {
 namespace {
+
+/// Files of which a folder that no dataset reads may consist, and what to do with it.
+struct Foreign {
+  const char *ending, *what, *remedy;
+};
+constexpr Foreign kForeign[] = {
+    {"meta/info.json", "is a dataset of LeRobot, which is not read",
+     "its films are below videos/: copy one as DIR/NAME.mp4, or cut an episode out of it by the times in meta/episodes "
+     "(ffmpeg -ss FROM -to END)"},
+    {".bag", "is a bag of ROS 1, which is not read", "convert it: rosbags-convert --src FILE.bag --dst FOLDER"},
+    {".ldb", "is a LevelDB, which is not read", "export StreetLearn as nodes.txt, links.txt and panos/"},
+    {".pbf", "is a street map, not a recording", "--data names a folder of recordings"},
+    {".osm", "is a street map, not a recording", "--data names a folder of recordings"},
+};
+constexpr long kMaxVisited = 100'000;  // files
+
+/// Returns the Error for a folder in which there are no traversals. It names what is there.
+Error no_traversals(const std::string& folder) {
+  namespace fs = std::filesystem;
+  std::map<std::string, long> kinds;
+  std::string deep;  // the first folder of pictures or films
+  std::error_code error;
+  long visited = 0;
+  for (fs::recursive_directory_iterator at(folder, fs::directory_options::skip_permission_denied, error), end;
+       !error && at != end && ++visited < kMaxVisited; at.increment(error)) {
+    const std::string path = lower(path_below(at->path().string(), folder));
+    if (at->is_directory(error)) continue;
+    for (const auto& [ending, what, remedy] : kForeign)
+      if (path.ends_with(ending)) return Error(std::string("no traversals found: it ") + what, folder, remedy);
+    const std::string suffix = lower(at->path().extension().string());
+    ++kinds[suffix.empty() ? "without a suffix" : suffix];
+    for (const auto* suffixes : {&image_suffixes(), &video_suffixes()})
+      if (std::find(suffixes->begin(), suffixes->end(), suffix) != suffixes->end())
+        deep = deep.empty() ? at->path().parent_path().string() : std::min(deep, at->path().parent_path().string());
+  }
+  if (!deep.empty())
+    return Error("no traversals found; pictures or films are in " + one_line(path_below(deep, folder)), folder,
+                 "--data names the folder of which each folder, or film, is a traversal");
+  std::string there;
+  for (const auto& [kind, count] : kinds)
+    there += (there.empty() ? "" : ", ") + std::to_string(count) + " " + one_line(kind);
+  return Error("no traversals found; expected NAME/, NAME.mp4 or NAME.csv", folder,
+               there.empty() ? "" : "files there: " + there);
+}
 
 enum class Fit { kNone, kPossible, kDistinctive };
 
@@ -34,7 +82,7 @@ std::vector<std::string> recognised(const std::string& folder) {
 }
 
 Error unknown_traversal(const std::string& name, const std::string& where, const std::vector<std::string>& known) {
-  if (known.empty()) return Error("no traversals found; expected NAME/, NAME.mp4 or NAME.csv", where);
+  if (known.empty()) return no_traversals(where);
   return Error("no traversal '" + name + "'", where, "there are: " + joined(known));
 }
 

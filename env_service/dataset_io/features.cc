@@ -34,26 +34,34 @@ class Table {
     throw Error(what, path_ + ":" + std::to_string(line_), remedy);
   }
 
-  /// Refuses a first line that numbers the columns and a first column that numbers the lines or has times, as pandas
-  /// writes them beside features. Features that are all whole numbers may look so too, but for a header of 8 columns.
+  /// Refuses a first line that numbers the columns and a first or last column that numbers the lines, up or down, or
+  /// has times, as pandas writes them beside features. Features that are all whole numbers may look so too, but for a
+  /// header of 8 columns.
   void refuse_header_and_index() const {
     const auto frames = static_cast<std::size_t>(traversal_.frames),
                columns = static_cast<std::size_t>(traversal_.dimension);
     if (columns < 2) return;
     const float* const first = traversal_.features.data();
-    bool header = first[0] == 0 || first[0] == 1, index = frames > 2, times = true, fractions = false;
+    bool header = first[0] == 0 || first[0] == 1, fractions = false;
     for (std::size_t i = 1; i < columns; ++i) header = header && first[i] == first[i - 1] + 1;
-    for (const float* row = first + columns; row != first + frames * columns; row += columns) {
-      const float before = *(row - columns), step = *row - before;
-      index = index && step >= 1 && step == first[columns] - first[0] && *row == std::floor(*row);
-      times = times && step >= 0 && before >= 1e8F;
+    for (const float* row = first + columns; row != first + frames * columns; row += columns)
       fractions = fractions || std::any_of(row, row + columns, [](float x) { return x != std::floor(x); });
-    }
     if (header && (fractions || columns >= 8))
       throw Error("numbers the columns", path_ + ":1", "remove this line, as features have no header");
-    if (fractions && (index || times))
-      throw Error(std::string("column 1 has ") + (index ? "the numbers of lines" : "times") + ", not a feature", path_,
-                  "remove it; of pandas: to_csv(index=False, header=False)");
+    for (const std::size_t column : {std::size_t{0}, columns - 1}) {
+      const bool usual = column == 0 && first[columns] > first[0];
+      bool index = frames > (usual ? 2 : 7), times = true;
+      for (const float* at = first + column + columns; at < first + frames * columns; at += columns) {
+        const float before = *(at - columns), step = *at - before;
+        index =
+            index && std::abs(step) >= 1 && step == first[column + columns] - first[column] && *at == std::floor(*at);
+        times = times && step >= 0 && before >= 1e8F;
+      }
+      if (fractions && (index || times))
+        throw Error("column " + std::to_string(column + 1) + " has " + (index ? "the numbers of lines" : "times") +
+                        ", not a feature",
+                    path_, "remove it; of pandas: to_csv(index=False, header=False)");
+    }
   }
 
   void parse_line(std::string_view line) {

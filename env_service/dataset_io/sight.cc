@@ -105,6 +105,12 @@ SightAlignment align_by_sight(const Traversal& sibling, const std::vector<int>& 
     b *= other_step;
   }
   std::vector<int> shown = counterparts_of(match.pairs, sibling.frames);
+  std::vector<float> sure(shown.size(), 0);
+  for (std::size_t i = 0; i < match.pairs.size(); ++i) {
+    const auto at = static_cast<std::size_t>(match.pairs[i].first), until = at + static_cast<std::size_t>(step);
+    for (std::size_t frame = at; frame < std::min(until, sure.size()); ++frame)
+      sure[frame] = std::max(sure[frame], match.confidence[i]);
+  }
   for (auto& [a, b] : match.pairs) std::swap(a, b);
   std::vector<int> seen = counterparts_of(match.pairs, traversal.frames);
   const int longest = std::max(kMaxHole, std::max(step, other_step) - 1);
@@ -114,6 +120,7 @@ SightAlignment align_by_sight(const Traversal& sibling, const std::vector<int>& 
   std::size_t matched = 0, apart = 0;
   for (const int frame : frames) {
     alignment.found.push_back(shown[static_cast<std::size_t>(frame)]);
+    alignment.confidence.push_back(sure[static_cast<std::size_t>(frame)]);
     matched += alignment.found.back() >= 0;
     apart += alignment.found.back() >= 0 && std::abs(alignment.found.back() - frame) >= kFewestApart;
   }

@@ -10,10 +10,11 @@ namespace citylearn {
 
 /// Counterparts by sight in `traversal` for frames of a sibling.
 struct SightAlignment {
-  std::vector<int> found;       ///< a frame of the traversal for each; in proportion where it has no counterpart
-  std::vector<bool> unmatched;  ///< which have none; empty when all have one
-  std::string summary;          ///< in one line: "winter: 412 of 430 frames show places of summer, ..."
-  bool elsewhere = false;       ///< one in five counterparts lies three frames or more from the equal index
+  std::vector<int> found;         ///< a frame of the traversal for each; in proportion where it has no counterpart
+  std::vector<bool> unmatched;    ///< which have none; empty when all have one
+  std::vector<float> confidence;  ///< of each pair: 0, as by chance or none, to 1
+  std::string summary;            ///< in one line: "winter: 412 of 430 frames show places of summer, ..."
+  bool elsewhere = false;         ///< one in five counterparts lies three frames or more from the equal index
 };
 
 /// Matches what `traversal` shows with the part of `sibling` about `frames`, which ascend. Both have pictures, or

@@ -24,7 +24,8 @@ using nlohmann::json;
 using tinyxml2::XMLElement;
 using Points = std::vector<TrackPoint>;
 
-constexpr double kMaxPause = 10;  // seconds between segments over which places are still interpolated
+constexpr double kMaxPause = 10;        // seconds between segments over which places are still interpolated
+constexpr std::size_t kMinDelayed = 8;  // times with one fraction of a second that show a delay
 
 /// Reads a number up to one of `ends`, or the text's end: "48,2" is none.
 double number(std::string_view text, std::string_view ends = " \t\r\n") {
@@ -167,6 +168,20 @@ void read_geojson(const json& object, const json& properties, const std::string&
   if (!all.empty() && all.size() != next) fail_unequal(all.size(), next, path);
 }
 
+/// Receivers measure at whole seconds. Where all times have the same fraction of one, up to a half, the log is late by
+/// it, and is mended.
+void undo_delay(Points& points, const std::string& path) {
+  const auto fraction = [](double time) { return time - std::floor(time); };
+  const double delay = fraction(points[0].time);
+  if (points.size() < kMinDelayed || delay < 0.001 || delay > 0.5 ||
+      !std::all_of(points.begin(), points.end(),
+                   [&](auto& point) { return std::abs(fraction(point.time) - delay) < 0.001; }))
+    return;
+  for (TrackPoint& point : points) point.time -= delay;
+  spdlog::info("{}: all its times are {:.3f} s behind whole seconds, when receivers measure; this is taken off", path,
+               delay);
+}
+
 GpsRows rows_of(Points points, const std::string& path) {
   GpsRows rows;
   rows.log = path;
@@ -177,6 +192,7 @@ GpsRows rows_of(Points points, const std::string& path) {
                 path, "export the track with its times, or move it away");
   if (points.size() < all)
     spdlog::warn("{}: {} of {} points have no time and are left out", path, all - points.size(), all);
+  undo_delay(points, path);
   points.front().begins = false;  // nothing comes before it
   std::stable_sort(points.begin(), points.end(), [](auto& a, auto& b) { return a.time < b.time; });
   double last = kUnknown;

@@ -25,6 +25,11 @@ const std::vector<std::string>& track_suffixes();
 /// naming the file: broken, a place beyond the earth, or no point with a time.
 GpsRows read_track(const std::string& path, double near);
 
+/// Returns the track that a film holds itself, or a file of subtitles, in seconds of the film: GoPro's GPS9, else GPS5
+/// (GPMF), or places in DJI's subtitles; `kind` says which. Rows without a fix are of unknown place. Empty when there
+/// is none, or the file is not a film.
+GpsRows read_film_track(const std::string& path, std::string& kind);
+
 /// Reads the fixes of NMEA 0183: GGA, else RMC, of the receiver that has most of them in the best quality; days are
 /// those of RMC or ZDA, else of `near`. Sentences with a wrong checksum count in `broken`.
 std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broken);

@@ -32,10 +32,10 @@ constexpr int kPictureDepth = 3;   // folders below that of a traversal in which
 /// Your own traversals. Each is one of
 ///   NAME.csv           features: a frame a line, separated by commas, no header
 ///   NAME/              a folder of pictures, or that holds one with them, in the order of pictures_in()
-///   NAME.mp4, .avi ... a video
+///   NAME.mp4, .avi ... a video, or a folder NAME with one
 /// Where frames are, says the first of these that is there: NAME.poses.csv (or NAME/poses.csv) beside it (poses.h), a
-/// track NAME.gpx, .nmea, .kml or .geojson, the pictures' EXIF data, or the only track of the folder. matches.csv says
-/// which frames of two traversals are the same place.
+/// track NAME.gpx, .nmea, .kml or .geojson, a film's own track or NAME.srt, the pictures' EXIF data, or the only track
+/// there. Tracks may lie in NAME/ too. matches.csv says which frames of two traversals are the same place.
 class Plain : public FolderDataset {
  public:
   Plain(const std::string& folder, const Parameters& parameters) : Plain("plain", folder, parameters["clock-offset"]) {}
@@ -79,19 +79,49 @@ class Plain : public FolderDataset {
       return traversal;
     }
     if (traversal.times.empty()) return traversal;
-    const std::vector<std::string> tracks = files_in(folder_, track_suffixes());
+    const std::vector<std::string> tracks = files_of(name, track_suffixes());
     for (const std::string& suffix : track_suffixes())
       for (const std::string& track : tracks)
-        if (lower(track).ends_with(suffix) && lower(stem_of(track)) == lower(name)) {
+        if (lower(track).ends_with(suffix) && is_called(track, name, path)) {
           follow(traversal, track, began);
           return traversal;
         }
+    if (!is_folder(path) && follow_own(traversal, path)) return traversal;
     if (tracks.size() == 1 && traversal.places_from.empty()) try {
         follow(traversal, tracks[0], began);
       } catch (const Error& error) {  // it may be another drive's
         spdlog::warn("{}: {}", name, error.what());
       }
     return traversal;
+  }
+
+  /// Returns the paths, below the dataset's folder, of files in a traversal's folder and beside it.
+  std::vector<std::string> files_of(const std::string& name, const std::vector<std::string>& suffixes) const {
+    std::vector<std::string> found = files_in(folder_, suffixes);
+    if (is_folder(folder_ + "/" + name))
+      for (const std::string& file : files_in(folder_ + "/" + name, suffixes)) found.push_back(name + "/" + file);
+    return found;
+  }
+  /// Returns whether a file has the name of a traversal or of its film.
+  static bool is_called(const std::string& file, const std::string& name, const std::string& path) {
+    const std::string stem = lower(stem_of(file));
+    return stem == lower(name) || stem == lower(stem_of(path));
+  }
+
+  /// Gives a film's frames their places on the track that it holds itself, or that NAME.srt holds. Returns false when
+  /// there is none.
+  bool follow_own(Traversal& traversal, const std::string& film) const {
+    std::string kind;
+    GpsRows rows = read_film_track(film, kind);
+    for (const std::string& file : files_of(traversal.name, {".srt"}))
+      if (rows.times.empty() && is_called(file, traversal.name, film)) {
+        rows = read_film_track(folder_ + "/" + file, kind);
+        kind = file;
+      }
+    if (rows.times.empty()) return false;
+    locate(traversal, rows, kTrackReach);
+    traversal.places_from = kind;
+    return true;
   }
 
   /// Gives the frames their places on a track, by time. Throws Error where nothing says which frame was where.
@@ -132,7 +162,7 @@ class Plain : public FolderDataset {
     const std::vector<std::string> folders = picture_folders(path, kPictureDepth);
     if (folders.size() > 1 && folders[0] != path)
       throw Error("has pictures in " + path_below(folders[0], path) + " and in " + path_below(folders[1], path), path,
-                  "leave one of them; or give a folder below with --data");
+                  "put all of one drive into one folder, or give a folder below with --data");
     if (folders.size() > 1) spdlog::warn("{}: pictures in {} are not read", path, path_below(folders[1], path));
     std::map<std::string, std::pair<Taken, double>> known;  // of each file, with its time in UTC
     std::vector<std::string> paths = pictures_in(folders[0], [&](const std::vector<std::string>& files) {
@@ -195,7 +225,10 @@ class Plain : public FolderDataset {
     try {
       for (const std::string& file : files_in(folder_, video_suffixes())) add(stem_of(file), file);
       for (const std::string& name : folders_in(folder_))
-        if (!picture_folders(folder_ + "/" + name, kPictureDepth).empty()) add(name, name);
+        if (!picture_folders(folder_ + "/" + name, kPictureDepth).empty())
+          add(name, name);
+        else if (const auto films = files_in(folder_ + "/" + name, video_suffixes()); films.size() == 1)
+          add(name, name + "/" + films[0]);
       // Beside pictures, a table whose columns have names describes them. Where there are no pictures, it is meant
       // as features, and reading it will say what is wrong.
       const bool pictures = !found.empty();
@@ -205,7 +238,7 @@ class Plain : public FolderDataset {
           add(file.substr(0, file.size() - 4), file);
     } catch (const Error& error) {
       if (is_folder(folder_)) throw;
-      throw Error(error.what(), "", "--data names the folder that holds the NAME.csv files");
+      throw Error(error.what(), "", "--data names the folder that holds NAME/, NAME.mp4 or NAME.csv");
     }
     if (found.empty() && !picture_folders(folder_, 0).empty())
       throw Error("holds pictures itself", folder_,

@@ -216,6 +216,7 @@ class Rosbag2 : public FolderDataset {
       std::stable_sort(positions.begin(), positions.end(), [](auto& a, auto& b) { return a[0] < b[0]; });
       GpsRows rows{{}, {}, {}, path + ": " + topics[*position].name};
       for (const auto& [time, x, y] : positions) rows.add(time, x, y);
+      traversal.places_from = topics[*position].name;
       place(traversal, rows, topics[*position].type == ros2_type_of<BagFix>().name);
     }
     traversal.images = std::make_shared<BagImages>(bag, topics[*camera], std::move(pictures), folder_);
@@ -238,7 +239,7 @@ class Rosbag2 : public FolderDataset {
     with_position(topic, [&](auto& sensed) {
       if (fault = fault_of(sensed); !fault.empty()) return;
       const SensedPosition position = position_of(sensed);
-      fault = position.fault;
+      fault = position.fault == kAtNullIsland ? "" : position.fault;  // the whole drive tells
       if (fault.empty() && track.positions.empty()) track.frame = position.frame;
       if (fault.empty() && position.frame != track.frame)
         fault = "is in frame '" + position.frame + "', others in '" + track.frame + "'";

@@ -96,8 +96,9 @@ const std::vector<std::string>& unread_image_suffixes() {
 }
 
 const std::vector<std::string>& video_suffixes() {
-  static const std::vector<std::string> suffixes{".mp4", ".avi",  ".mkv", ".mov", ".m4v",  ".mpg", ".mpeg",
-                                                 ".vob", ".webm", ".wmv", ".ts",  ".m2ts", ".mts"};
+  static const std::vector<std::string> suffixes{".mp4", ".avi",  ".mkv", ".mov", ".m4v",  ".mpg",  ".mpeg",
+                                                 ".vob", ".webm", ".wmv", ".ts",  ".m2ts", ".mts",  ".3gp",
+                                                 ".3g2", ".flv",  ".f4v", ".ogv", ".asf",  ".divx", ".mxf"};
   return suffixes;
 }
 

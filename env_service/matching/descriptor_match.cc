@@ -108,6 +108,7 @@ float mean_similarity(const MonotonePath& path, const RowScores& scores) {
 struct Found {
   MonotonePath path, chance;  ///< chance: the best in the recording that runs the other way
   bool clear = false;
+  float by_chance = 0;  ///< mean similarity of `chance`
 };
 
 MonotonePath without_gaps(const Search& search) {
@@ -119,7 +120,7 @@ Found find(const Search& forwards, const Search& backwards) {
   Found found;
   found.chance = without_gaps(backwards);
   found.path = without_gaps(forwards);
-  const float chance = mean_similarity(found.chance, backwards.scores);
+  const float chance = found.by_chance = mean_similarity(found.chance, backwards.scores);
   PathOptions options;
   for (int i = 0; i < kRefinements; ++i) {
     options.threshold = chance + kThreshold * std::max(0.F, mean_similarity(found.path, forwards.scores) - chance);
@@ -173,7 +174,14 @@ DescriptorMatch match_descriptors(const Eigen::MatrixXf& one, const Eigen::Matri
                  band_about(found.chance, block, rows, columns)};
     found = find(forwards, backwards);
   }
-  return {found.path.pairs, found.clear};
+  DescriptorMatch match{found.path.pairs, {}, found.clear};
+  const float usual = std::max(1e-3F, mean_similarity(found.path, forwards.scores) - found.by_chance);
+  for (const auto& [row, at] : match.pairs) {
+    float similarity = 0;
+    forwards.scores(row, at, at + 1, &similarity);
+    match.confidence.push_back(std::clamp((similarity - found.by_chance) / usual, 0.F, 1.F));
+  }
+  return match;
 }
 
 }  // namespace citylearn

@@ -10,7 +10,8 @@ namespace citylearn {
 /// Which frames of two recordings of a route show the same places, by what they look like.
 struct DescriptorMatch {
   std::vector<std::pair<int, int>> pairs;  ///< (frame of one, frame of the other), neither ever decreasing
-  bool clear = false;  ///< the pairs are much more similar than in a recording that was driven the other way
+  std::vector<float> confidence;  ///< of each pair, 0: as similar as chance would have it; 1: as pairs are on average
+  bool clear = false;             ///< the pairs are much more similar than in a recording that was driven the other way
 };
 
 /// Matches columns: D x N and D x M descriptors of one kind, N and M at most 40,000. Finds stops, any speed, and parts

@@ -21,11 +21,11 @@ RawImage raw_image(const sensor_msgs::msg::dds_::Image_& image) {
 }
 
 /// Returns why this is not a position; empty when it is one.
-const char* fault_of(double x, double y, bool degrees) {
+std::string fault_of(double x, double y, bool degrees) {
   if (!std::isfinite(x) || !std::isfinite(y)) return "is NaN or infinite";
   if (!degrees) return std::hypot(x, y) > kMaxMetres ? "is over 100,000 km from the origin" : "";
   if (std::abs(x) > 90 || std::abs(y) > 180) return "is beyond latitude 90 or longitude 180";
-  return std::hypot(x, y) < kNullIsland ? "is at 0,0, where receivers without a fix are" : "";
+  return std::hypot(x, y) < kNullIsland ? kAtNullIsland : "";
 }
 
 SensedPosition checked(const std_msgs::msg::dds_::Header_& header, double x, double y, double variance, bool degrees) {

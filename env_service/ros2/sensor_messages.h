@@ -18,6 +18,9 @@ std::string picture_fault(const sensor_msgs::msg::dds_::CompressedImage_& image)
 std::string read_picture(const sensor_msgs::msg::dds_::Image_& image, Bytes& file);
 std::string read_picture(const sensor_msgs::msg::dds_::CompressedImage_& image, Bytes& file);
 
+/// The fault of a NavSatFix near latitude and longitude 0, where simulators drive too.
+inline const std::string kAtNullIsland = "is at 0,0, where receivers without a fix are";
+
 /// Where a robot is, or where it is sent.
 struct SensedPosition {
   std::uint64_t stamp = 0;  ///< nanoseconds by the sender's clock; 0: not told

@@ -179,8 +179,9 @@ class Recipes(CommandLine):
 
     def test_recordings_of_ones_own(self):
         self.write_recordings()
-        demo, check, listed, _ = self.take("train-on-your-recordings", "./run demo --data DIR --frames 0:128 --train",
-                                           "./run data check DIR", "./run data list", "./run data check DIR")
+        demo, check, drawn, listed, _ = self.take("train-on-your-recordings", "./run demo --data DIR --frames 0:128 --train",
+                                                  "./run data check DIR", "./run data check DIR --picture", "./run data list",
+                                                  "./run data check DIR")
         self.assertIn("nordland", self.run_command(*listed))
         self.assertIn("0 bad", self.run_command(*check))
         demo[demo.index("0:128")] = "0:80"  # as many as there are
@@ -191,6 +192,8 @@ class Recipes(CommandLine):
         for picture in sorted((self.hosts["DIR"] / "winter").iterdir())[20:60:2]:
             picture.unlink()
         self.assertRegex(self.run_command(*check), r"winter: (5\d|60) of 60 frames show places of summer.*--align-by sight")
+        self.run_command(*drawn)
+        self.assertIn("winter (upwards) by sight", (self.folder / "match.svg").read_text())
         short = [*SHORT, "--no-dashboard"]
         self.assertRegex(self.run_command(*by_sight, *short), r"winter: (5\d|60) of 60 frames show places of summer")
         by_sight[by_sight.index("--align-by"):] = []

@@ -285,6 +285,7 @@ demo() {
         needs "$@"
         plugins+=$2,; shift 2 ;;
       --plugin=*) plugins+=${1#*=},; shift ;;
+      --domain|--domain=*|--session|--session=*) fail "${1%%=*}: a demo has its own; CITYLEARN_DOMAIN=N sets the domain" ;;
       --no-dashboard) dashboard=no; shift ;;
       --no-wait) wait=no; shift ;;
       -h|--help) demo_usage; exit 0 ;;

@@ -17,6 +17,7 @@
 #include "core/util/text.h"
 #include "env_service/dataset_io/sight.h"
 #include "env_service/files/files.h"
+#include "env_service/geometry/plane.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
@@ -25,6 +26,9 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kFewestCompared = 48;  // frames; fewer tell too little
+constexpr double kNear = 25;         // metres between places that are taken for the same
+constexpr double kMinStep = 2;       // metres between places that are compared
+constexpr int kFewestSteps = 5;      // that show which way a recording runs
 
 /// Returns the JSON's text. Bytes that are not UTF-8 are replaced.
 std::string dumped(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace); }
@@ -38,13 +42,14 @@ std::string fixed(double value, int digits) {
   return text.str();
 }
 
-/// Adds a line for each kind of file in the folder whose path, with its suffix or without, is not among `taken`.
-void find_left_out(const std::string& folder, const std::unordered_set<std::string>& taken, bool own,
-                   Inspection& found) {
+/// Adds a line for each kind of file in the folder whose path, with its suffix or without, is not among `taken`, but
+/// for files of traversals that could not be loaded.
+void find_left_out(const std::string& folder, const std::unordered_set<std::string>& taken,
+                   const std::set<std::string>& failed, bool own, Inspection& found) {
   namespace fs = std::filesystem;
   static const std::set<std::string> passed_over{".csv", ".json", ".xml", ".yaml", ".yml", ".toml", ".ini",
-                                                 ".db",  ".xmp",  ".aae", ".thm",  ".log", ".md"},
-      texts{"files without a suffix", ".txt files", ".tsv files", ".pdf files", ".html files"};
+                                                 ".db",  ".xmp",  ".aae", ".thm",  ".log", ".md",   ".lrv"},
+      texts{"files without a suffix", ".txt files", ".tsv files", ".pdf files", ".html files", ".srt files"};
   std::map<std::string, std::set<std::string>> kinds;  // paths by kind
   std::error_code error;
   for (fs::recursive_directory_iterator at(folder, fs::directory_options::skip_permission_denied, error), end;
@@ -57,7 +62,8 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
     const bool is_folder = at->is_directory(ignored);
     if (hidden && is_folder) at.disable_recursion_pending();
     if (hidden || (is_folder ? !fs::is_empty(at->path(), ignored) : passed_over.contains(suffix)) ||
-        taken.contains(path) || taken.contains(stem) || taken.contains(stem + suffix))
+        failed.contains(path.substr(0, path.find('/'))) || taken.contains(path) || taken.contains(stem) ||
+        taken.contains(stem + suffix))
       continue;
     const std::string unnamed =
         path.find('/') == path.npos ? "files without a suffix" : "files in folders without a suffix";
@@ -73,22 +79,73 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
 }
 
 /// Adds a line for each recording whose frames do not show the places of those of equal index of "summer", or else of
-/// the first one, as far as their pictures tell.
-void compare_by_sight(const std::vector<Traversal>& traversals, Inspection& found) {
-  const Traversal* route = nullptr;
+/// the first one, as far as their pictures or features tell.
+void compare_by_sight(Dataset& dataset, const std::vector<Traversal>& traversals, Inspection& found) {
+  const Traversal* first = nullptr;
   for (const Traversal& one : traversals)
-    if (one.images && one.frames >= kFewestCompared && (!route || one.name == "summer")) route = &one;
-  if (!route) return;
-  std::vector<int> frames(static_cast<std::size_t>(route->frames));
+    if (one.frames >= kFewestCompared && (!first || one.name == "summer")) first = &one;
+  if (!first) return;
+  const auto whole = [&](const Traversal& one) { return one.images ? one : dataset.load(one.name); };
+  const Traversal route = whole(*first);
+  std::vector<int> frames(static_cast<std::size_t>(route.frames));
   std::iota(frames.begin(), frames.end(), 0);
   for (const Traversal& other : traversals)
-    if (&other != route && other.images && other.frames >= kFewestCompared) try {
-        const SightAlignment alignment = align_by_sight(*route, frames, other);
-        if (alignment.elsewhere || other.frames != route->frames)
+    if (&other != first && other.frames >= kFewestCompared && !other.images == !route.images &&
+        other.dimension == route.dimension)
+      try {
+        const SightAlignment alignment = align_by_sight(route, frames, whole(other));
+        if (alignment.elsewhere || other.frames != route.frames)
           found.notes.push_back(alignment.summary + " (--align-by sight)");
+        found.matches.push_back({route.name, other.name, other.frames, alignment.found, alignment.confidence});
+        for (std::size_t i = 0; i < alignment.unmatched.size(); ++i)
+          if (alignment.unmatched[i]) found.matches.back().counterparts[i] = -1;
       } catch (const Error& error) {
         found.notes.push_back(error.what());
       }
+}
+
+/// Returns the known places of a route with their frames, without those that hardly differ from the one before.
+std::vector<std::pair<Point, int>> thinned(const Route& route) {
+  std::vector<std::pair<Point, int>> places;
+  for (std::size_t i = 0; i < route.latitude.size(); ++i) {
+    if (!std::isfinite(route.latitude[i]) || !std::isfinite(route.longitude[i])) continue;
+    const Point place = on_earth(route.latitude[i], route.longitude[i]);
+    if (places.empty() || metres_between(place, places.back().first) >= kMinStep)
+      places.emplace_back(place, static_cast<int>(i));
+  }
+  return places;
+}
+
+/// Adds a line where a recording runs the other way than the first one with places, or, of the user's `own`, elsewhere.
+void compare_by_place(const std::vector<Route>& routes, bool own, Inspection& found) {
+  if (routes.empty()) return;
+  Grid grid(kNear);
+  for (const auto& [place, frame] : thinned(routes[0])) grid.add(place, frame);
+  std::vector<Grid::Near> near;
+  for (std::size_t other = 1; other < routes.size(); ++other) {
+    const auto places = thinned(routes[other]);
+    std::size_t far = 0;
+    int along = 0, against = 0, before = -1;
+    for (const auto& [place, index] : places) {
+      grid.near(place, near);
+      if (near.empty()) {
+        ++far;
+        continue;
+      }
+      const int frame =
+          std::min_element(near.begin(), near.end(), [](auto& a, auto& b) { return a.metres < b.metres; })->frame;
+      along += before >= 0 && frame > before;
+      against += before >= 0 && frame < before;
+      before = frame;
+    }
+    const std::string &name = routes[other].name, &first = routes[0].name;
+    if (against >= kFewestSteps && against > 3 * along)
+      found.notes.push_back(name + " runs the other way than " + first +
+                            ", by latitude and longitude: cameras that look ahead see other things");
+    if (own && 2 * far > places.size())
+      found.notes.push_back(std::to_string(far) + " of " + std::to_string(places.size()) + " places of " + name +
+                            " are farther than " + fixed(kNear, 0) + " m from all of " + first);
+  }
 }
 
 }  // namespace
@@ -96,6 +153,7 @@ void compare_by_sight(const std::vector<Traversal>& traversals, Inspection& foun
 Inspection inspect(Dataset& dataset, const std::string& folder, const std::function<bool(long, long)>& progress) {
   Inspection inspection;
   std::unordered_set<std::string> taken;
+  std::set<std::string> failed;
   std::vector<Traversal> traversals;
   long all = 0;
   for (const std::string& name : dataset.names()) try {
@@ -103,13 +161,24 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
       traversals.push_back(dataset.load(name));
       taken.insert(traversals.back().places_from);
       all += traversals.back().frames;
+      if (const Traversal& one = traversals.back();
+          std::any_of(one.latitude.begin(), one.latitude.end(), [](double x) { return std::isfinite(x); }))
+        inspection.routes.push_back({name, one.latitude, one.longitude});
       traversals.back().features = {};  // they were checked as they were read
       const LeftOut left_out = dataset.left_out(name);
       for (const std::string& line : left_out.on_purpose) inspection.left_out.push_back(name + ": " + line);
       for (const std::string& line : left_out.faults) inspection.faults.push_back({name, -1, "", line});
     } catch (const Error& error) {
       inspection.faults.push_back({name, -1, "", error.what()});
+      failed.insert(name);
+      taken.insert(name);
     }
+  for (const Traversal& one : traversals)
+    if (one.dimension != traversals[0].dimension && one.dimension > 0 && traversals[0].dimension > 0)
+      inspection.faults.push_back({one.name, -1, "",
+                                   "has " + std::to_string(one.dimension) + " features a frame, " + traversals[0].name +
+                                       " has " + std::to_string(traversals[0].dimension) +
+                                       ": they are of two encoders, or one table is transposed"});
   Bytes bytes;
   for (const Traversal& traversal : traversals)
     for (int frame = 0; frame < traversal.frames; ++frame) {
@@ -122,7 +191,7 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
       }
       if (!progress(++inspection.frames, all)) return inspection;
     }
-  find_left_out(folder, taken, !dataset.distinctive(), inspection);
+  find_left_out(folder, taken, failed, !dataset.distinctive(), inspection);
   const auto [least, most] =
       std::minmax_element(traversals.begin(), traversals.end(), [](auto& a, auto& b) { return a.frames < b.frames; });
   if (least != most && least->frames != most->frames && dataset.correspondence() == Correspondence::kIndex)
@@ -131,7 +200,8 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
         std::to_string(most->frames) +
         ": frames of equal index must show the same place, or be matched, as with --align-by sight");
   if (dataset.correspondence() == Correspondence::kIndex && !dataset.distinctive())
-    compare_by_sight(traversals, inspection);
+    compare_by_sight(dataset, traversals, inspection);
+  compare_by_place(inspection.routes, !dataset.distinctive(), inspection);
   return inspection;
 }
 

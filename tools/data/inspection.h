@@ -17,12 +17,28 @@ struct Fault {
   std::string what;
 };
 
+/// Where frames of two recordings show the same places, by sight.
+struct SightMatch {
+  std::string route, other;
+  int frames = 0;                 ///< of the other
+  std::vector<int> counterparts;  ///< of each frame of the route, a frame of the other; -1: none
+  std::vector<float> confidence;  ///< of each, 0 to 1
+};
+
+/// Where a recording went, degrees; NaN: unknown.
+struct Route {
+  std::string name;
+  std::vector<double> latitude, longitude;
+};
+
 struct Inspection {
   long frames = 0;  ///< looked at
   std::vector<Fault> faults;
   std::vector<std::string> not_taken;  ///< lines on kinds of files that are not taken and should be
   std::vector<std::string> left_out;   ///< lines on files that are not taken, on purpose
   std::vector<std::string> notes;      ///< lines on what may be meant or not, and is not a fault
+  std::vector<Route> routes;           ///< of recordings with latitude and longitude
+  std::vector<SightMatch> matches;     ///< of recordings that were compared by sight
 };
 
 /// Loads every traversal of the dataset in `folder`, decodes every frame, and looks for files that are not taken: of
@@ -51,5 +67,7 @@ std::string to_table(const std::vector<Summary>& summaries);
 std::string to_json(const std::string& dataset, const Inspection& inspection);
 std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries);
 std::string datasets_json();
+/// Returns the routes, and what was compared by sight, as a picture in SVG.
+std::string to_svg(const Inspection& inspection);
 
 }  // namespace citylearn

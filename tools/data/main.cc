@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "core/command_line/progress.h"
+#include "core/files/files.h"
 #include "core/plugin/plugins.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
@@ -18,6 +19,7 @@ struct CommandLine {
   CLI::App *list = nullptr, *check = nullptr, *info = nullptr;
   Source source;  ///< its dataset is empty until it is given or recognised
   bool json = false;
+  std::string picture;
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
@@ -34,6 +36,8 @@ void add_options(CLI::App& app, CommandLine& line) {
                         "Read it as this dataset, without recognising it; an option of a dataset names it too");
     add_dataset_parameters(*command, line.source);
   }
+  line.check->add_option("--picture", line.picture,
+                         "Draw the routes, and which frames look alike, how surely, into this file (SVG)");
   for (CLI::App* command : {line.list, line.check, line.info}) {
     command->add_flag("--json", line.json, "Print JSON");
     command->fallthrough();  // --plugin may stand behind it
@@ -66,6 +70,7 @@ int check(CommandLine& line) {
     progress->done(1);
     return !stop_requested();
   });
+  if (!line.picture.empty()) write_file(line.picture, to_svg(inspection));
   if (line.json) {
     std::cout << to_json(name, inspection) << "\n";
   } else {

@@ -36,7 +36,6 @@ const std::set<std::string> kRefused = {
     "picture/dicom-after-p6",
     "encoder_file/reduction-other",
     "dataset_folder/plain-loose-images",
-    "dataset_folder/bdd",
     "dataset_folder/plain-conflict",
     "mcap_file/cut-short",
     "mcap_file/compressed",

@@ -144,6 +144,51 @@ TEST(Tracks, BesideAFilmNeedItsTime) {
   EXPECT_TRUE(log.has("other.gpx")) << log.text();
 }
 
+TEST(FilmTracks, SubtitlesOfADrone) {
+  const Folder folder;
+  ASSERT_TRUE(write_video(folder / "fly.avi", 50));  // 2 s
+  const auto subtitles = [](const std::string& first, const std::string& last) {
+    return "1\n00:00:00,000 --> 00:00:01,000\n<font size=\"28\">" + first + "</font>\n\n2\n00:00:01,000 --> " +
+           "00:00:02,000\n" + last + "\n\n";
+  };
+  const auto fly = [&](const std::string& text) {
+    make_file(folder / "FLY.SRT", text);
+    return make_dataset("plain", folder.path())->load("fly");
+  };
+  Traversal film = fly(subtitles("[iso: 100] [latitude: 48.0] [longtitude: 11.0] [abs_alt: 9]",
+                                 "[latitude : 48.0002] [longitude : 11.0]"));
+  EXPECT_EQ(film.places_from, "FLY.SRT");
+  EXPECT_NEAR(film.latitude[5], 48.00004, 1e-9) << "a fifth of the way to second 1";
+  EXPECT_NEAR(film.latitude[49], 48.0002, 1e-9);
+  film = fly(subtitles("HOME(1.0,2.0)\nGPS(11.0,48.0,19) BAROMETER:1.9", "F/2.8, GPS (11.0, 48.0002, 19), D 2m"));
+  EXPECT_NEAR(film.latitude[5], 48.00004, 1e-9) << "longitude comes first";
+  EXPECT_EQ(film.longitude[5], 11);
+  EXPECT_TRUE(fly(subtitles("[Birds sing]", "[A dog barks]")).latitude.empty());
+}
+
+TEST(FilmTracks, LieInTheFolderOfTheFilmToo) {
+  const Folder folder;
+  std::filesystem::create_directory(folder / "monday");
+  ASSERT_TRUE(write_video(folder / "monday/VID_1.AVI", 50));
+  make_file(folder / "monday/vid_1.srt", "1\n00:00:00,000 --> 00:00:02,000\n[latitude: 48] [longitude: 11]\n\n");
+  const auto plain = make_dataset("plain", folder.path());
+  EXPECT_EQ(plain->names(), Names{"monday"});
+  EXPECT_EQ(plain->load("monday").places_from, "monday/vid_1.srt");
+  EXPECT_EQ(plain->load("monday").latitude[0], 48);
+}
+
+/// By exiftool 12.57, -ee -v3: the first samples of the packets at 0 s and 2 s of the film.
+TEST(FilmTracksReal, AGoProTellsItsPlaces) {
+  const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "formats/gopro");
+  if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
+  const Traversal film = make_dataset("plain", folder)->load("max-heromode");
+  EXPECT_EQ(film.places_from, "GPS5");
+  EXPECT_NEAR(film.latitude[0], 33.12677, 1e-7);
+  EXPECT_NEAR(film.longitude[0], -117.3273436, 1e-7);
+  EXPECT_NEAR(film.latitude[60], 33.1267516, 1e-7);
+  EXPECT_NEAR(film.longitude[60], -117.3273295, 1e-7);
+}
+
 TEST(UtmNames, GivePlacesAndTheOrderOfTheDrive) {
   // By PROJ: 9 E of the equator is 500000, 0 in zone 32; 48.2, 11.5 is 685760.31, 5341551.85.
   const LatLon munich = from_utm(685760.305762, 5341551.854095, 32, true),

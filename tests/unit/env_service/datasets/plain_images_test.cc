@@ -98,7 +98,7 @@ TEST_F(PlainImages, PicturesInAFolderBelow) {
   EXPECT_EQ(load("day").images->name(2), "day/run/camera/img2.png");
   EXPECT_EQ(load("day").positions[0], 0);
   write_drive("day/run/right");
-  EXPECT_TRUE(contains(complaint("day"), "day: has pictures in run/camera and in run/right (leave one of them"));
+  EXPECT_TRUE(contains(complaint("day"), "day: has pictures in run/camera and in run/right (put all of one drive"));
   make_file(folder_ / "night/0.webp", "x");
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "night"}));
   EXPECT_TRUE(contains(complaint("night"), "night: has pictures of kinds that are not read: 0.webp (convert"));

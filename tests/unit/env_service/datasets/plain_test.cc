@@ -95,6 +95,10 @@ TEST_F(Plain, HeadersAndIndexesAreNotFeatures) {
   EXPECT_EQ(complaint("0,.25\n1,.5\n2,.125\n"), "x.csv: column 1 has the numbers of lines" + of_pandas);
   EXPECT_EQ(complaint("10,.25\n15,.5\n20,.125\n"), "x.csv: column 1 has the numbers of lines" + of_pandas);
   EXPECT_EQ(complaint("1700000000.25,.25\n1700000000.75,.5\n"), "x.csv: column 1 has times" + of_pandas);
+  EXPECT_EQ(complaint("7,.5\n6,.1\n5,.2\n4,.9\n3,.5\n2,.4\n1,.3\n0,.2\n"),
+            "x.csv: column 1 has the numbers of lines" + of_pandas);
+  EXPECT_EQ(complaint(".5,1\n.1,2\n.2,3\n.9,4\n.5,5\n.4,6\n.3,7\n.2,8\n"),
+            "x.csv: column 2 has the numbers of lines" + of_pandas);
   EXPECT_TRUE(contains(complaint(",0,1\n0,.5,.25\n1,.5,.75\n"), "x.csv:1: nothing in column 1 (features are numbers"));
   EXPECT_TRUE(contains(complaint("000.jpg,.5\n001.jpg,.25\n"), "x.csv:1: '000.jpg' in column 1 is not a number"));
   for (const std::string text :
@@ -149,9 +153,21 @@ TEST_F(Plain, MissingFolder) {
   EXPECT_THROW(make_dataset("plain"), Error);
   const std::string missing = folder_ / "missing";
   EXPECT_EQ(error_of([&] { make_dataset("plain", missing)->names(); }),
-            missing + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
+            missing + ": No such file or directory (--data names the folder that holds NAME/, NAME.mp4 or NAME.csv)");
   EXPECT_EQ(error_of([&] { make_dataset("plain", folder_.path())->load("x"); }),
             folder_.path() + ": no traversals found; expected NAME/, NAME.mp4 or NAME.csv");
+}
+
+TEST_F(Plain, NamesWhatIsThereWhenNothingIsTaken) {
+  const auto told = [&](const std::string& file) {
+    std::filesystem::remove_all(folder_ / "data");
+    make_file(folder_ / ("data/" + file), "x");
+    return error_of([&] { make_dataset("plain", folder_ / "data")->load("x"); });
+  };
+  EXPECT_TRUE(contains(told("set/meta/info.json"), "it is a dataset of LeRobot, which is not read (its films are"));
+  EXPECT_TRUE(contains(told("run.bag"), "it is a bag of ROS 1, which is not read (convert it"));
+  EXPECT_TRUE(contains(told("a/b/c/d/e/1.JPG"), "pictures or films are in a/b/c/d/e (--data names the folder"));
+  EXPECT_TRUE(contains(told("a.fit"), "expected NAME/, NAME.mp4 or NAME.csv (files there: 1 .fit)"));
 }
 
 TEST(PlainReal, NordlandFeatures) {

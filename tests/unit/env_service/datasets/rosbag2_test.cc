@@ -201,6 +201,19 @@ TEST_F(Rosbag2, NoFixIsNoPosition) {
             Lines{"2 of /fix (sensor_msgs/msg/NavSatFix, 4 messages) not taken: each has no fix"});
 }
 
+TEST_F(Rosbag2, SimulatorsDriveAtNullIsland) {
+  std::vector<BagSample> samples;
+  for (int i = 0; i < 5; ++i) {
+    samples.push_back(fix(10'000 + 1000 * i, 0, 0.0002 * (i - 1), 0));
+    samples.push_back(image(10'000 + 1000 * i, red_blue_));
+  }
+  write_bag_mcap(folder_ / "a.mcap", samples);
+  const Traversal traversal = bags()->load("a");
+  EXPECT_EQ(traversal.latitude[1], 0);
+  EXPECT_NEAR(traversal.positions[4], 0.0008 * 111195.08, 0.01);
+  EXPECT_EQ(traversal.places_from, "/fix");
+}
+
 TEST_F(Rosbag2, PartsAndMetadata) {
   std::filesystem::create_directory(folder_ / "lap");
   write_bag_mcap(folder_ / "lap/lap_0.mcap", {image(10'000, red_blue_), image(11'000, green_)});

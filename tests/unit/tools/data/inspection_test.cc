@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <tuple>
 
+#include "core/util/random.h"
 #include "tests/paths.h"
 #include "tests/support/data/pictures.h"
 #include "tests/support/data/scans.h"
@@ -84,6 +85,56 @@ TEST(Inspection, NotesUnequalNumbersOfFrames) {
   EXPECT_TRUE(found.notes[0].starts_with("night has 3 frames and day 5: frames of equal index")) << found.notes[0];
   EXPECT_TRUE(found.faults.empty());
   EXPECT_EQ(found.not_taken, std::vector<std::string>{"1 .gpx files, the first other.gpx"});
+}
+
+TEST(Inspection, ComparesTables) {
+  const Folder folder;
+  std::string forwards, backwards;
+  for (int i = 0; i < 60; ++i) {
+    Random random(static_cast<std::uint64_t>(i));
+    std::string row;
+    for (int column = 0; column < 8; ++column) row += (column > 0 ? "," : "") + std::to_string(random.uniform());
+    forwards += row + "\n";
+    backwards = row + "\n" + backwards;
+  }
+  make_file(folder / "summer.csv", forwards);
+  make_file(folder / "winter.csv", backwards);
+  const auto inspected = [&] { return inspect(*make_dataset("plain", folder.path()), folder.path(), kOn); };
+  ASSERT_EQ(inspected().notes.size(), 1u);
+  EXPECT_TRUE(contains(inspected().notes[0], "no order of the frames of winter looks like those of summer"));
+  make_file(folder / "winter.csv", forwards);
+  EXPECT_TRUE(inspected().notes.empty() && inspected().faults.empty());
+  ASSERT_EQ(inspected().matches.size(), 1u);
+  EXPECT_EQ(inspected().matches[0].counterparts[30], 30);
+  EXPECT_GT(inspected().matches[0].confidence[30], 0.5);
+  EXPECT_EQ(occurrences(to_svg(inspected()), "<circle r=\"2\" fill=\""), 60);
+  make_file(folder / "winter.csv", "5,2\n3,4.5\n");
+  ASSERT_EQ(inspected().faults.size(), 1u);
+  EXPECT_EQ(inspected().faults[0].what,
+            "has 2 features a frame, summer has 8: they are of two encoders, or one table is transposed");
+}
+
+TEST(Inspection, NotesADriveTheOtherWay) {
+  const Folder folder;
+  std::string there = "lat,lon\n", back = there, elsewhere = there;
+  for (int i = 0; i < 12; ++i) {
+    for (const std::string name : {"back/", "there/", "town/"})
+      write_grey(folder / (name + std::to_string(i) + ".png"), 10 * i);
+    there += std::to_string(50 + 0.0001 * i) + ",7\n";
+    back += std::to_string(50.0011 - 0.0001 * i) + ",7\n";
+    elsewhere += std::to_string(50 + 0.0001 * i) + ",8\n";
+  }
+  make_file(folder / "there.poses.csv", there);
+  make_file(folder / "back.poses.csv", back);
+  make_file(folder / "town.poses.csv", elsewhere);
+  const Inspection found = inspect(*make_dataset("plain", folder.path()), folder.path(), kOn);
+  EXPECT_EQ(found.notes, (std::vector<std::string>{"there runs the other way than back, by latitude and longitude: "
+                                                   "cameras that look ahead see other things",
+                                                   "12 of 12 places of town are farther than 25 m from all of back"}));
+  EXPECT_TRUE(found.faults.empty());
+  const std::string svg = to_svg(found);
+  EXPECT_TRUE(contains(svg, ">there</text>"));
+  EXPECT_TRUE(contains(svg, "routes, 71473 m wide")) << "a degree at latitude 50.0011 is 111195 m times its cosine";
 }
 
 TEST(Inspection, NamesEachBadFrame) {
@@ -204,6 +255,7 @@ TEST(Inspection, NothingIsNotGood) {
             "not taken: 1 empty folders, the first empty\nplain: 3 frames, 0 bad; kinds of files not taken: 1"},
         {{"check", folder / "empty", "--dataset", "plain"}, 1, "no traversals found"},
         {{"info", folder / "empty"}, 1, "no traversals found"},
+        {{"check", folder.path(), "--picture", logs / "x.svg"}, 1, "plain: 3 frames, 0 bad"},
         {{"info", folder.path()}, 0, "morning"}}) {
     Arguments all = arguments;
     all.insert(all.begin(), CITYLEARN_DATA);
@@ -211,6 +263,7 @@ TEST(Inspection, NothingIsNotGood) {
     EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
     EXPECT_TRUE(contains(program.output(), text)) << program.output();
   }
+  EXPECT_TRUE(contains(contents(logs / "x.svg"), "no recording has places"));
 }
 
 TEST(Inspection, ListsDatasets) {
