@@ -27,7 +27,7 @@ REPEATED = {
     "encoding": ["--rounds", "3"],
     "startup": ["--rounds", "3"],
     "beliefs": [],
-    "peers": ["--environments"],
+    "peers": [],
 }
 
 

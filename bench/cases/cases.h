@@ -27,7 +27,6 @@ Measure security(CLI::App& command);
 Measure services(CLI::App& command);
 Measure startup(CLI::App& command);
 Measure threads(CLI::App& command);
-Measure training(CLI::App& command);
 
 /// What is timed by turns with others.
 struct Contender {

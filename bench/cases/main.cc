@@ -19,8 +19,7 @@ int main(int argc, char** argv) {
                           {"security", "A secured training beside one that is not", security},
                           {"services", "Training with many env_services of one agent beside one of many", services},
                           {"startup", "How long services take to start", startup},
-                          {"threads", "The updates of a learner on more threads and in more shards", threads},
-                          {"training", "Training in one process, without the wire", training}}) {
+                          {"threads", "The updates of a learner on more threads and in more shards", threads}}) {
     CLI::App* command = app.add_subcommand(one.name, one.help);
     command->option_defaults()->always_capture_default();
     command->callback([&chosen, measure = one.add(*command)] { chosen = measure; });
