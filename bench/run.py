@@ -25,7 +25,6 @@ REPEATED = {
     "images": ["1"],
     "threads": ["--rounds", "3"],
     "encoding": ["--rounds", "3"],
-    "startup": ["--rounds", "3"],
     "beliefs": [],
     "peers": [],
 }

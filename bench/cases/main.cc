@@ -18,7 +18,6 @@ int main(int argc, char** argv) {
                           {"roles", "A learner with actors beside one policy_service that is both", roles},
                           {"security", "A secured training beside one that is not", security},
                           {"services", "Training with many env_services of one agent beside one of many", services},
-                          {"startup", "How long services take to start", startup},
                           {"threads", "The updates of a learner on more threads and in more shards", threads}}) {
     CLI::App* command = app.add_subcommand(one.name, one.help);
     command->option_defaults()->always_capture_default();
