@@ -72,7 +72,7 @@ void expect_none_left(const Witness& witness) {
 const Arguments kEndless = {"--slip", "0", "--evaluate", "summer", "--steps", "1000000000"};
 
 TEST(Demo, PrintsItsTable) {
-  Demo demo({"--evaluate", "summer,fall", "--steps", "2048", "--tasks", "4", "--no-dashboard"});
+  Demo demo({"--evaluate", "summer,fall", "--steps", "2048", "--tasks", "4", "--overwrite", "--no-dashboard"});
   ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   // SPL of the agent, shuffled, and the controls by name, of which shortest_path is the last.
   for (const char* row :
