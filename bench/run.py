@@ -23,11 +23,9 @@ REPEATED = {
     "services": ["--rounds", "1", "--steps", "20000"],
     "roles": ["20000"],
     "images": ["1"],
-    "threads": ["--rounds", "3"],
     "encoding": ["--rounds", "3"],
-    "startup": ["--rounds", "3"],
     "beliefs": [],
-    "peers": ["--environments"],
+    "peers": [],
 }
 
 

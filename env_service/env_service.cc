@@ -357,7 +357,7 @@ void EnvService::send_episodes() {
   for (int count = 0; count < kEpisodesAtOnce;) {
     const auto sending = outbox_.next(now_);
     if (!sending) return;
-    outbox_.fill(sending->episode, episode_);
+    outbox_.fill(sending->number, episode_);
     node_.publish(episode_);
     if (!sending->again) continue;
     ++node_.traffic.resent;
@@ -438,7 +438,7 @@ void EnvService::leave() {
   if (live_) live_->stop();
   const auto worth_waiting = [&] {
     if (outbox_.kept() == 0 || node_.readers<msg::EpisodeStat>() == 0) return false;
-    return now_ < begin + (outbox_.recorder_expected(now_) ? std::chrono::ceil<milliseconds>(linger_) : kLingerUnheard);
+    return now_ < begin + (outbox_.reader_expected(now_) ? std::chrono::ceil<milliseconds>(linger_) : kLingerUnheard);
   };
   now_ = begin;
   outbox_.hurry(now_);
@@ -452,9 +452,9 @@ void EnvService::leave() {
     server_.take_requests();
   }
   if (outbox_.kept() == 0)
-    spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, outbox_.episodes());
+    spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, outbox_.last());
   else
-    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged{}", node_.options().id, outbox_.episodes(),
+    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged{}", node_.options().id, outbox_.last(),
                  outbox_.kept(), outbox_.lacking().empty() ? "" : " by " + joined(outbox_.lacking()));
 }
 

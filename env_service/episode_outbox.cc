@@ -3,9 +3,6 @@
 
 namespace citylearn {
 
-EpisodeOutbox::EpisodeOutbox(const std::vector<std::string>& required, std::size_t capacity)
-    : log_({.capacity = capacity, .records = "episodes", .reader = "recorder"}, required) {}
-
 void EpisodeOutbox::set_context(const msg::TaskSettings& settings, const std::string& traversal) {
   context_ = std::make_shared<EpisodeContext>(EpisodeContext{settings.settings(), settings.task_mode() == msg::EVALUATE,
                                                              settings.shuffle(), traversal, settings.policy().c_str(),
@@ -14,13 +11,13 @@ void EpisodeOutbox::set_context(const msg::TaskSettings& settings, const std::st
 
 void EpisodeOutbox::add(const Environment::Episode& episode) {
   entries_.push_back({context_, episode});
-  log_.add();
+  LogSender::add();
   drop_acknowledged();
 }
 
 void EpisodeOutbox::fill(std::uint64_t number, msg::EpisodeStat& stat) const {
   const auto& [context, episode] = entries_.at(number - acknowledged() - 1);
-  stat.log() = log_.position(number);
+  stat.log() = position(number);
   stat.settings() = context->settings;
   stat.agent() = static_cast<std::uint32_t>(episode.agent);
   stat.evaluation() = context->evaluation;
@@ -41,19 +38,13 @@ void EpisodeOutbox::fill(std::uint64_t number, msg::EpisodeStat& stat) const {
 
 EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::LogAcknowledgement& acknowledgement,
                                                        Clock::time_point now) {
-  const Acknowledged result = log_.acknowledge(acknowledgement, now);
+  const Acknowledged result = LogSender::acknowledge(acknowledgement, now);
   drop_acknowledged();
   return result;
 }
 
 void EpisodeOutbox::drop_acknowledged() {
-  while (entries_.size() > log_.kept()) entries_.pop_front();
-}
-
-std::optional<EpisodeOutbox::Sending> EpisodeOutbox::next(Clock::time_point now) {
-  const std::optional<LogSender::Sending> next = log_.next(now);
-  if (!next) return std::nullopt;
-  return Sending{next->number, next->again};
+  while (entries_.size() > kept()) entries_.pop_front();
 }
 
 }  // namespace citylearn

@@ -25,9 +25,6 @@ Measure loop(CLI::App& command);
 Measure roles(CLI::App& command);
 Measure security(CLI::App& command);
 Measure services(CLI::App& command);
-Measure startup(CLI::App& command);
-Measure threads(CLI::App& command);
-Measure training(CLI::App& command);
 
 /// What is timed by turns with others.
 struct Contender {

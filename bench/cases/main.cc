@@ -17,10 +17,7 @@ int main(int argc, char** argv) {
                           {"loop", "Training over DDS beside training in one process", loop},
                           {"roles", "A learner with actors beside one policy_service that is both", roles},
                           {"security", "A secured training beside one that is not", security},
-                          {"services", "Training with many env_services of one agent beside one of many", services},
-                          {"startup", "How long services take to start", startup},
-                          {"threads", "The updates of a learner on more threads and in more shards", threads},
-                          {"training", "Training in one process, without the wire", training}}) {
+                          {"services", "Training with many env_services of one agent beside one of many", services}}) {
     CLI::App* command = app.add_subcommand(one.name, one.help);
     command->option_defaults()->always_capture_default();
     command->callback([&chosen, measure = one.add(*command)] { chosen = measure; });

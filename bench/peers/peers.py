@@ -1,57 +1,171 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares citylearn with what Python offers for the same, in one run. README.md states the questions."""
+"""How fast are citylearn's environments beside the same task in numpy? peers.py BUILD [ROUNDS]; README.md says more."""
 
-import argparse
+import contextlib
 import json
 import os
+import statistics
+import subprocess
 import sys
+import time
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "tests/support"))
+import numpy as np
+
+BUILD, ROUNDS = Path(sys.argv[1]).resolve(), int((sys.argv[2:] or [5])[0])
+sys.path[:0] = [str(BUILD / "python"), str(Path(__file__).resolve().parents[2] / "tests/support")]
+
+import citylearn
+from domain import own_domain
 
 WORLD = {"synthetic_images": 0, "synthetic_frames": 128, "frames": 128}  # 128 places, 64 features each
+MASKS = np.array([[1, 1, 0], [1, 1, 1], [1, 0, 1]], np.int8)  # at the first place, between, at the last
 
 
-def arguments():
-    parser = argparse.ArgumentParser(prog="peers.py", description=__doc__.splitlines()[0],
-                                     formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("build", type=Path, help="build folder")
-    parser.add_argument("--environments", action="store_true", help="only the first question: stepping environments")
-    parser.add_argument("--learning", action="store_true", help="only the second question: PPO")
-    parser.add_argument("--rounds", type=int, default=5, help="measurements of each environment, by turns")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1], help="of the trainings")
-    parser.add_argument("--steps", type=int, default=360_000, help="environment steps of a training, at most")
-    parser.add_argument("--time-limit", type=float, default=300, help="seconds of a training, at most")
-    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), help="of ppo")
-    parser.add_argument("--torch-threads", type=int, default=1, help="of RecurrentPPO")
-    args = parser.parse_args()
-    args.build = args.build.resolve()
-    return args
+class NumpyWalk:
+    """The task of citylearn.VectorEnv for `agents` agents, as arrays of numpy; an ended episode's agent begins the next
+    one at the next step."""
+
+    def __init__(self, features, agents):
+        self.features, self.places, self.num_envs = features, len(features), agents
+
+    def reset(self, *, seed=None):
+        self.random = np.random.default_rng(seed)
+        self.place = self.random.integers(self.places, size=self.num_envs)
+        self.goal = np.zeros(self.num_envs, np.int64)
+        self.previous, self.nearest, self.steps = (np.zeros(self.num_envs, np.int64) for _ in range(3))
+        self.begin(np.ones(self.num_envs, bool))
+        self.ended = np.zeros(self.num_envs, bool)
+        return self.observe(), {"position": self.place.copy()}
+
+    def begin(self, which):
+        drawn = self.random.integers(self.places - 1, size=self.num_envs)
+        self.aim(which, drawn + (drawn >= self.place))
+
+    def aim(self, which, goal):
+        """Begins an episode of these agents."""
+        self.goal = np.where(which, goal, self.goal)
+        self.previous[which], self.steps[which] = 3, 0
+        self.nearest = np.where(which, np.abs(self.goal - self.place), self.nearest)
+
+    def step(self, actions):
+        begun = self.ended
+        if begun.any():
+            self.begin(begun)
+        wanted = self.place + np.array([0, 1, -1])[actions]
+        allowed = (wanted >= 0) & (wanted < self.places)
+        self.place = np.where(begun | ~allowed, self.place, wanted)
+        self.previous = np.where(begun, 3, np.where(allowed, actions, 0))
+        self.steps += ~begun
+        distance = np.abs(self.goal - self.place)
+        nearer = distance < self.nearest
+        self.nearest = np.minimum(distance, self.nearest)
+        terminated = ~begun & (distance == 0)
+        truncated = ~begun & ~terminated & (self.steps >= self.places)
+        rewards = np.where(terminated, 1.0, np.where(nearer | begun, 0.0, -1 / self.places))
+        self.ended = terminated | truncated
+        return self.observe(), rewards, terminated, truncated, {"position": self.place.copy()}
+
+    def observe(self):
+        side = 1 - (self.place == 0) + (self.place == self.places - 1)
+        return {"features": self.features[self.place], "goal": self.goal.copy(),
+                "previous_action": self.previous.copy(), "action_mask": MASKS[side]}
+
+    def close(self):
+        pass
 
 
-def record_figure(name, value, unit, better="higher"):
+def features_of(world):
+    """Returns what is seen at each place, (N, D), from a walk."""
+    env = citylearn.VectorEnv(agents=256, services=4, **world)
+    observation, infos = env.reset(seed=1)
+    features = np.zeros((world["frames"], observation["features"].shape[1]), np.float32)
+    seen = np.zeros(world["frames"], bool)
+    while not seen.all():
+        features[infos["position"]], seen[infos["position"]] = observation["features"], True
+        observation, *_, infos = env.step(env.action_space.sample())
+    return features
+
+
+def check_same_task(other, world):
+    """Raises AssertionError unless an environment behaves as citylearn.VectorEnv, for the same starts and goals."""
+    ours = citylearn.VectorEnv(agents=other.num_envs, **world)
+    random = np.random.default_rng(1)
+    expected, infos = ours.reset(seed=1)
+    other.reset(seed=1)
+    other.place, begun = infos["position"].copy(), np.ones(other.num_envs, bool)
+    draw = other.begin
+    for _ in range(1000):
+        other.begin = lambda which: None
+        other.aim(begun, expected["goal"])
+        observed = other.observe()
+        for name, values in expected.items():
+            np.testing.assert_array_equal(observed[name], values, name)
+        onward = np.where(expected["goal"] > infos["position"], 1, 2)
+        actions = np.where(random.random(other.num_envs) < 0.8, onward, random.integers(3, size=other.num_envs))
+        begun = ours._ended.copy()
+        expected, *results, infos = ours.step(actions)
+        for one, another in zip(results, other.step(actions)[1:4]):
+            np.testing.assert_allclose(another, one, atol=1e-6)
+    other.begin = draw
+
+
+@contextlib.contextmanager
+def over_dds(build, world, middleware):
+    """Yields a VectorEnv of an env_service."""
+    place = {"middleware": middleware, "domain": own_domain(), "interface": "lo"}
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in {**world, **place}.items() if name != "frames"]
+    service = subprocess.Popen([build / "env_service/env_service", "--agents=16", "--linger=0", "--log-level=error",
+                                *options])
+    try:
+        env = citylearn.VectorEnv(frames=world["frames"], **place)
+        yield env
+        env.close()
+    finally:
+        service.terminate()
+        service.wait()
+
+
+def steps_per_second(env, seconds=0.4):
+    actions = np.random.default_rng(1).integers(0, 3, (64, env.num_envs))
+    ticks, begin = 0, time.perf_counter()
+    while (passed := time.perf_counter() - begin) < seconds:
+        for each in actions:
+            env.step(each)
+        ticks += len(actions)
+    return ticks * env.num_envs / passed
+
+
+def record_figure(name, value):
     """Appends a figure as record_figure of bench/figures.h does."""
     if path := os.environ.get("CITYLEARN_BENCH_FIGURES"):
         with open(path, "a", encoding="utf-8") as out:
-            print(json.dumps({"name": name, "value": value, "unit": unit, "better": better}), file=out)
+            print(json.dumps({"name": name, "value": value, "unit": "steps/s", "better": "higher"}), file=out)
 
 
 def main():
-    args = arguments()
-    for library in ("OMP", "OPENBLAS"):  # before they are loaded
-        os.environ[f"{library}_NUM_THREADS"] = str(args.torch_threads)
-    sys.path.insert(0, str(args.build / "python"))
-    try:
-        import citylearn
-        import numpy
-    except ImportError as error:
-        sys.exit(f"peers.py: {error} (./run bench peers builds and finds what it needs)")
-    if args.environments or not args.learning:
-        import environments
-        environments.compare(args.build, WORLD, args.rounds, record_figure)
-    if args.learning or not args.environments:
-        import learning
-        learning.compare(args, WORLD, record_figure)
+    features = features_of(WORLD)
+    check_same_task(NumpyWalk(features, 64), WORLD)
+    with contextlib.ExitStack() as stack:
+        envs = {}
+        for agents in (16, 256):
+            envs["citylearn.VectorEnv", agents] = citylearn.VectorEnv(agents=agents, **WORLD)
+            envs["numpy, all agents in arrays", agents] = NumpyWalk(features, agents)
+        for middleware in ("cyclonedds", "fastdds"):
+            envs[f"citylearn.VectorEnv over {middleware}", 16] = stack.enter_context(over_dds(BUILD, WORLD, middleware))
+        rates = {which: [] for which in envs}
+        for env in envs.values():
+            env.reset(seed=1)
+        for _ in range(ROUNDS):
+            for which, env in envs.items():
+                rates[which].append(steps_per_second(env))
+        for env in envs.values():
+            env.close()
+    print(f"{'environment':<34} {'agents':>6} {'agent-steps/s':>14} {'ratio':>8}")
+    for (name, agents), values in sorted(rates.items(), key=lambda one: (one[0][1], -statistics.median(one[1]))):
+        ratio = statistics.median(one / ours for one, ours in zip(values, rates["citylearn.VectorEnv", agents]))
+        print(f"{name:<34} {agents:>6} {statistics.median(values):>14,.0f} {ratio:>8.3f}")
+        record_figure(f"{name}, agents {agents}", statistics.median(values))
 
 
 if __name__ == "__main__":

@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Round trips Observation -> Action between two processes over this project's Node, and the same bytes over each
-// vendor's bare API. See README.md.
+// Round trips Observation -> Action between two processes over this project's Node, and the same bytes over a socket.
+// See README.md.
+#include <arpa/inet.h>
 #include <poll.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <condition_variable>
 #include <cstdio>
 #include <cstring>
-#include <mutex>
 
 #include "bench/bench.h"
 #include "bench/figures.h"
 #include "bench/program.h"
-#include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
 #include "tests/support/options.h"
 #include "tests/support/processes/peer.h"
@@ -35,7 +34,6 @@ struct Settings {
 };
 
 const std::vector<std::string> kVendors = {"cyclonedds", "fastdds"};
-const std::vector<std::string> kBare = {"listener", "waitset"};
 
 msg::Observation make_observation(const Settings& settings) {
   const std::size_t agents = static_cast<std::size_t>(settings.agents);
@@ -77,91 +75,71 @@ std::uint32_t number_in(std::span<const std::byte> sample) {
 }
 void set_number(Bytes& sample, std::uint32_t number) { std::memcpy(sample.data() + 4, &number, sizeof number); }
 
-/// Times of the trips asked for, one after another, after a tenth of them for warming up. A question unanswered for 200
-/// ms is sent again.
-class Trips {
- public:
-  explicit Trips(int trips) : warm_(trips / 10), last_(warm_ + trips) {
-    times.reserve(static_cast<std::size_t>(trips));
+/// Returns the times of trips one after another, in microseconds, after a tenth of them for warming up. `ask` sends a
+/// question, and `answered` waits for its answer until a deadline: a question unanswered for 200 ms is sent again.
+std::vector<double> time_trips(int trips, const std::function<void(std::uint32_t number)>& ask,
+                               const std::function<bool(std::uint32_t number, Clock::time_point deadline)>& answered) {
+  std::vector<double> times;
+  for (int number = 0; number < trips + trips / 10; ++number) {
+    const auto wanted = static_cast<std::uint32_t>(number);
+    const Clock::time_point begin = Clock::now();
+    do ask(wanted);
+    while (!answered(wanted, Clock::now() + milliseconds(200)));
+    if (number >= trips / 10) times.push_back(seconds_since(begin) * 1e6);
   }
-  std::uint32_t number() const { return static_cast<std::uint32_t>(number_); }
-  bool finished() const { return number_ >= last_; }
-  void begin() { begin_ = Clock::now(); }
-  void end() {
-    if (number_ >= warm_) times.push_back(seconds_since(begin_) * 1e6);
-    ++number_;
-  }
-  std::vector<double> times;  ///< microseconds
-
- private:
-  int warm_, last_, number_ = 0;
-  Clock::time_point begin_;
-};
-
-// --- Bare vendors
-
-std::unique_ptr<roundtrip::Port> open_port(const std::string& vendor, const roundtrip::PortOptions& options) {
-  return vendor == "fastdds" ? roundtrip::open_fastdds(options) : roundtrip::open_cyclonedds(options);
+  return times;
 }
 
-roundtrip::PortOptions port_options(const Settings& settings, const std::string& path, bool asks) {
-  return {asks,
-          path == "listener" ? roundtrip::Mode::kListener : roundtrip::Mode::kWaitset,
-          settings.domain,
-          size_of(make_observation(settings)),
-          size_of(make_action(settings)),
-          {}};
+// --- The reference: a socket
+
+/// Returns a socket that sends to the answering end, or is it. Throws Error.
+int open_socket(const Settings& settings, bool asks) {
+  const int handle = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in end{};
+  end.sin_family = AF_INET;
+  end.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  end.sin_port = htons(static_cast<std::uint16_t>(20000 + settings.domain));
+  if ((asks ? ::connect : ::bind)(handle, reinterpret_cast<const sockaddr*>(&end), sizeof end) != 0)
+    throw Error("cannot be opened", "UDP port " + std::to_string(20000 + settings.domain));
+  return handle;
 }
 
-void answer_bare(const Settings& settings, const std::string& vendor, const std::string& path) {
-  roundtrip::PortOptions options = port_options(settings, path, false);
-  Bytes answer(options.answer);
-  std::mutex ready;  // the first question may come before open_port returns
-  std::unique_ptr<roundtrip::Port> port;
-  ready.lock();
-  options.received = [&](std::span<const std::byte> question) {
-    std::lock_guard lock(ready);
-    set_number(answer, number_in(question));
-    port->send(answer);
-  };
-  port = open_port(vendor, options);
-  ready.unlock();
-  pollfd input{STDIN_FILENO, POLLIN, 0};
-  poll(&input, 1, -1);
+/// Waits until something came, at most until `deadline`. Returns whether it did.
+bool wait_for(int handle, Clock::time_point deadline) {
+  pollfd input{handle, POLLIN, 0};
+  const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now()).count();
+  return left > 0 && ::poll(&input, 1, static_cast<int>(left)) > 0;
 }
 
-std::vector<double> ask_bare(const Settings& settings, const std::string& vendor, const std::string& path) {
-  roundtrip::PortOptions options = port_options(settings, path, true);
-  Bytes question(options.question);
-  Trips trips(settings.trips);
-  std::mutex mutex;
-  std::condition_variable done;
-  std::unique_ptr<roundtrip::Port> port;
-  const auto ask = [&] {
-    set_number(question, trips.number());
-    trips.begin();
-    port->send(question);
-  };
-  options.received = [&](std::span<const std::byte> answer) {
-    std::lock_guard lock(mutex);
-    if (trips.finished() || number_in(answer) != trips.number()) return;
-    trips.end();
-    if (trips.finished())
-      done.notify_one();
-    else
-      ask();
-  };
-  std::unique_lock lock(mutex);
-  port = open_port(vendor, options);
-  std::uint32_t seen = trips.number();
-  ask();
-  while (!done.wait_for(lock, milliseconds(200), [&] { return trips.finished(); })) {
-    if (trips.number() == seen) ask();
-    seen = trips.number();
-  }
-  lock.unlock();
-  port.reset();
-  return trips.times;
+void answer_udp(const Settings& settings) {
+  const int handle = open_socket(settings, false);
+  Bytes question(size_of(make_observation(settings))), answer(size_of(make_action(settings)));
+  sockaddr_in asker{};
+  socklen_t size = sizeof asker;
+  while (!testing::input_ended())
+    for (const auto limit = Clock::now() + milliseconds(100); wait_for(handle, limit);) {
+      ::recvfrom(handle, question.data(), question.size(), 0, reinterpret_cast<sockaddr*>(&asker), &size);
+      set_number(answer, number_in(question));
+      ::sendto(handle, answer.data(), answer.size(), 0, reinterpret_cast<const sockaddr*>(&asker), size);
+    }
+}
+
+std::vector<double> ask_udp(const Settings& settings) {
+  const int handle = open_socket(settings, true);
+  Bytes question(size_of(make_observation(settings))), answer(size_of(make_action(settings)));
+  const auto times = time_trips(
+      settings.trips,
+      [&](std::uint32_t number) {
+        set_number(question, number);
+        ::send(handle, question.data(), question.size(), 0);
+      },
+      [&](std::uint32_t number, Clock::time_point deadline) {
+        while (wait_for(handle, deadline))  // refused while nobody listens yet
+          if (::recv(handle, answer.data(), answer.size(), 0) > 0 && number_in(answer) == number) return true;
+        return false;
+      });
+  ::close(handle);
+  return times;
 }
 
 // --- This project
@@ -203,19 +181,18 @@ std::vector<double> ask_middleware(const Settings& settings, const std::string& 
   question[1] = std::byte{1};
   const auto publisher = middleware->create_publisher(topics.question);
   const auto subscription = middleware->create_subscription(topics.answer);
-  Trips trips(settings.trips);
-  while (!trips.finished()) {
-    set_number(question, trips.number());
-    trips.begin();
-    for (bool answered = false; !answered;) {
-      publisher->publish(question);
-      const auto limit = Clock::now() + milliseconds(200);
-      while (!answered && middleware->wait(limit))
-        while (!answered && subscription->take(answer)) answered = number_in(answer) == trips.number();
-    }
-    trips.end();
-  }
-  return trips.times;
+  return time_trips(
+      settings.trips,
+      [&](std::uint32_t number) {
+        set_number(question, number);
+        publisher->publish(question);
+      },
+      [&](std::uint32_t number, Clock::time_point deadline) {
+        while (middleware->wait(deadline))
+          while (subscription->take(answer))
+            if (number_in(answer) == number) return true;
+        return false;
+      });
 }
 
 Node::Options node_options(const Settings& settings, const std::string& vendor, const std::string& id) {
@@ -242,27 +219,24 @@ std::vector<double> ask_node(const Settings& settings, const std::string& vendor
   node.create_reader<msg::Action>();
   msg::Observation question = make_observation(settings);
   msg::Action answer;
-  Trips trips(settings.trips);
-  while (!trips.finished()) {
-    question.step(trips.number());
-    trips.begin();
-    for (bool answered = false; !answered;) {
-      node.publish(question);
-      const auto limit = Clock::now() + milliseconds(200);
-      while (!answered && node.wait(limit))
-        while (!answered && node.take(answer)) answered = answer.step() == trips.number();
-    }
-    trips.end();
-  }
-  return trips.times;
+  return time_trips(
+      settings.trips,
+      [&](std::uint32_t number) {
+        question.step(number);
+        node.publish(question);
+      },
+      [&](std::uint32_t number, Clock::time_point deadline) {
+        while (node.wait(deadline))
+          while (node.take(answer))
+            if (answer.step() == number) return true;
+        return false;
+      });
 }
 
 // --- Measurement
 
-bool is_bare(const std::string& path) { return std::find(kBare.begin(), kBare.end(), path) != kBare.end(); }
-
 void answer(const Settings& settings, const std::string& vendor, const std::string& path) {
-  if (is_bare(path)) return answer_bare(settings, vendor, path);
+  if (path == "udp") return answer_udp(settings);
   path == "node" ? answer_node(settings, vendor) : answer_middleware(settings, vendor);
 }
 
@@ -272,7 +246,7 @@ std::vector<double> measure(Settings settings, const std::string& vendor, const 
   const testing::Child answerer({"/proc/self/exe", "--role", "answer:" + vendor + ":" + path, "--agents",
                                  std::to_string(settings.agents), "--dimension", std::to_string(settings.dimension),
                                  "--domain", std::to_string(settings.domain), "--keys", settings.keys});
-  if (is_bare(path)) return ask_bare(settings, vendor, path);
+  if (path == "udp") return ask_udp(settings);
   return path == "node" ? ask_node(settings, vendor) : ask_middleware(settings, vendor);
 }
 
@@ -285,8 +259,8 @@ void compare(const Settings& settings) {
   std::printf("Observation of %zu bytes there, Action of %zu bytes back; %d rounds of %d trips each; microseconds\n\n",
               size_of(make_observation(settings)), size_of(make_action(settings)), settings.rounds, settings.trips);
   std::printf("%-12s %-18s %9s %9s %9s\n", "vendor", "path", "median", "p99", "ratio");
-  std::vector<std::string> paths = {"middleware", "secured"};
-  if (!settings.secured) paths = {kBare[0], kBare[1], "middleware", "node"};
+  using Paths = std::vector<std::string>;
+  const Paths paths = settings.secured ? Paths{"middleware", "secured"} : Paths{"udp", "middleware", "node"};
   for (const std::string& vendor : kVendors) {
     std::map<std::string, std::vector<double>> medians, p99;
     for (int round = 0; round < settings.rounds; ++round)
@@ -295,26 +269,24 @@ void compare(const Settings& settings) {
         medians[path].push_back(quantile(times, 0.5));
         p99[path].push_back(quantile(times, 0.99));
       }
-    double reference = quantile(medians[paths[0]], 0.5);
-    if (!settings.secured) reference = std::min(reference, quantile(medians[paths[1]], 0.5));
+    const double reference = quantile(medians[paths[0]], 0.5);
     for (const std::string& path : paths) {
       const double each = quantile(medians[path], 0.5);
-      const std::string what = is_bare(path) ? "bare, " + path : path;
-      std::printf("%-12s %-18s %9.1f %9.1f %9.2f\n", vendor.c_str(), what.c_str(), each, quantile(p99[path], 0.5),
+      std::printf("%-12s %-18s %9.1f %9.1f %9.2f\n", vendor.c_str(), path.c_str(), each, quantile(p99[path], 0.5),
                   each / reference);
       bench::record_figure(
-          {.name = vendor + ", " + what, .value = each, .unit = "us", .better = bench::Better::kLower});
+          {.name = vendor + ", " + path, .value = each, .unit = "us", .better = bench::Better::kLower});
     }
   }
   std::printf("\nratio: median against %s. Each figure is the median over the rounds.\n",
-              settings.secured ? "middleware that is not secured" : "the faster of the two bare ways");
+              settings.secured ? "middleware that is not secured" : "the socket");
 }
 
 }  // namespace
 
 int main(int count, char** arguments) {
   Settings settings;
-  CLI::App app("Round trips Observation -> Action between two processes, ours against the vendors' bare APIs",
+  CLI::App app("Round trips Observation -> Action between two processes, beside the same bytes over a socket",
                "bench_roundtrip");
   app.add_option("--agents", settings.agents, "agents per observation")
       ->check(CLI::Range(1, 256))

@@ -112,7 +112,7 @@ class Compare(unittest.TestCase):
 
     def test_wrong_arguments_are_one_clear_line(self):
         for words, pattern in ((["nothing"], "'nothing' is not a benchmark; known: .*loop"),
-                               (["training", "--against", self.build], "not a benchmark that records figures"),
+                               (["security", "--against", self.build], "not a benchmark that records figures"),
                                (["--against", self.build, "--repeat", "2"], "at least 3 repetitions")):
             self.assertRegex(self.bench(*words, status=2), pattern)
         self.assertRegex(self.bench("--against", self.folder / "no", status=2), "bench_cases is missing; build it")

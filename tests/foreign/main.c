@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A learner in C that shares nothing with policy_service but idl/. While it explores the training traversal it counts:
-// what each place looks like, and where each action leads. With these two tables alone it then navigates other
-// traversals: a Bayes filter tells where it is, and it takes the action that most likely leads towards the goal.
+// A learner in C that shares nothing with policy_service but idl/. While it explores the training traversal it learns
+// what each place looks like: the mean of what was seen there. On any traversal it then compares all that it has seen
+// in an episode with that, to know where it is, and goes towards the goal.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,26 +9,15 @@
 
 #include "session.h"
 
-enum { kMaxRestart = 0, kHere = 1, kAhead = 2, kMoves = 3 };  // where an action may lead
-
-typedef struct Agent {
-  int place, action;  // at the observation before; the action kept up while exploring
-  double* belief;     // over the places
-} Agent;
-
 typedef struct Learner {
-  int places, dimension, first_frame;
-  float sharpness;                 // of the filter, see estimate()
-  double* appearance;              // places x dimension: sums of what was seen
-  double* visits;                  // places
-  double moves[kActions][kMoves];  // counts
-  double chance[kActions][kMoves];
-  Agent* agent;
-  double* scratch;                 // places
-  uint64_t ticks, enough, random;  // observations learned from, and how many are wanted
-  // The current evaluation, by task.
-  uint32_t tasks, finished;
-  bool* known;
+  int places, dimension;
+  double* looks;                        // places x dimension: sums of what was seen there, then means
+  double* visits;                       // by place
+  double* apart;                        // agents x places, see locate()
+  int going[citylearn_msg_MAX_AGENTS];  // the action that an agent keeps up while it explores
+  uint64_t ticks, enough, random;       // observations learned from, and how many are wanted
+  uint32_t tasks, finished;             // of the current evaluation
+  bool* known;                          // by task
   double completed, spl;
 } Learner;
 
@@ -45,13 +34,6 @@ static uint32_t draw(Learner* self, uint32_t bound) {  // xorshift64*
   return (uint32_t)(self->random * 2685821657736338717ull >> 33) % bound;
 }
 
-// Place on the route of a frame on the traversal.
-static int place_of(const Learner* self, uint32_t frame) {
-  if (frame < (uint32_t)self->first_frame || frame - (uint32_t)self->first_frame >= (uint32_t)self->places)
-    fail("frame %u is not on the route", frame);
-  return (int)(frame - (uint32_t)self->first_frame);
-}
-
 static bool allowed(const citylearn_msg_Observation* seen, uint32_t agent, int action) {
   return seen->allowed._buffer[agent] >> action & 1;
 }
@@ -63,19 +45,16 @@ static void explore(void* context, const EnvService* env, const citylearn_msg_Ob
   memset(choice, kStay, env->agents);
   if (self->ticks == self->enough) return;
   for (uint32_t i = 0; i < env->agents; ++i) {
-    Agent* agent = &self->agent[i];
-    const int place = place_of(self, seen->position._buffer[i]);
+    const uint32_t place = seen->position._buffer[i];
+    if (place >= (uint32_t)self->places) fail("frame %u is not on the route", place);
     const float* features = seen->features._buffer + (size_t)i * seen->feature_dimension;
     self->visits[place] += 1;
-    for (int k = 0; k < self->dimension; ++k) self->appearance[place * self->dimension + k] += features[k];
-    const int before = seen->previous_action._buffer[i];
-    const int move = place - agent->place;
-    if (before < kActions && abs(move) <= 1) self->moves[before][move + 1] += 1;
-    agent->place = place;
+    for (int k = 0; k < self->dimension; ++k)
+      self->looks[place * (uint32_t)self->dimension + (uint32_t)k] += features[k];
     // Repeats an action for a while: independent random steps would hardly leave the place.
-    if (draw(self, 24) == 0) agent->action = (int)draw(self, kActions);
-    while (!allowed(seen, i, agent->action)) agent->action = (int)draw(self, kActions);
-    choice[i] = (uint8_t)agent->action;
+    if (draw(self, 24) == 0) self->going[i] = (int)draw(self, kActions);
+    while (!allowed(seen, i, self->going[i])) self->going[i] = (int)draw(self, kActions);
+    choice[i] = (uint8_t)self->going[i];
   }
   ++self->ticks;
 }
@@ -84,84 +63,44 @@ static void ignore_episode(void* context, const EnvService* env, const citylearn
   (void)context, (void)env, (void)episode;
 }
 
-// Turns counts into means and probabilities.
+// Turns sums into means.
 static void estimate(Learner* self) {
   for (int place = 0; place < self->places; ++place) {
-    if (self->visits[place] == 0) fail("frame %d was never seen: explore for more --ticks", place + self->first_frame);
-    for (int k = 0; k < self->dimension; ++k) self->appearance[place * self->dimension + k] /= self->visits[place];
+    if (self->visits[place] == 0) fail("frame %d was never seen: explore for more --ticks", place);
+    for (int k = 0; k < self->dimension; ++k) self->looks[place * self->dimension + k] /= self->visits[place];
   }
-  for (int action = 0; action < kActions; ++action) {
-    double all = 0;
-    for (int move = 0; move < kMoves; ++move) all += self->moves[action][move] + 0.01;
-    for (int move = 0; move < kMoves; ++move) self->chance[action][move] = (self->moves[action][move] + 0.01) / all;
-  }
-  // How much a place may change from one traversal to another cannot be seen on one of them: a quarter of what tells
-  // two places apart.
-  double square = 0;
-  for (int place = 0; place + 1 < self->places; ++place)
-    for (int other = place + 1; other < self->places; ++other)
-      for (int k = 0; k < self->dimension; ++k) {
-        const double d = self->appearance[place * self->dimension + k] - self->appearance[other * self->dimension + k];
-        square += d * d;
-      }
-  square /= self->places * (self->places - 1) / 2.0;
-  self->sharpness = (float)(1 / (2 * square / 16));
 }
 
 // ---- Acting ---------------------------------------------------------------------------------------------------------
 
-// Belief after `action`, before anything is seen.
-static void predict(const Learner* self, double* belief, int action) {
-  memset(self->scratch, 0, (size_t)self->places * sizeof *self->scratch);
-  for (int place = 0; place < self->places; ++place)
-    for (int move = 0; move < kMoves; ++move) {
-      const int to = place + move - 1;
-      if (to >= 0 && to < self->places) self->scratch[to] += belief[place] * self->chance[action][move];
-    }
-  memcpy(belief, self->scratch, (size_t)self->places * sizeof *belief);
-}
-
-static void correct(const Learner* self, double* belief, const float* features, int goal) {
-  double nearest = INFINITY, sum = 0;
+// Returns the place from which the agent saw most nearly what it saw in this episode. `apart` has, by place, how far
+// all that was from what is seen on the way there.
+static int locate(const Learner* self, double* apart, bool first, int action, const float* features) {
+  const size_t others = (size_t)self->places - 1;
+  if (first) memset(apart, 0, (others + 1) * sizeof *apart);
+  if (!first && action == kNext) memmove(apart + 1, apart, others * sizeof *apart), apart[0] = INFINITY;
+  if (!first && action == kPrevious) memmove(apart, apart + 1, others * sizeof *apart), apart[others] = INFINITY;
+  int found = 0;
   for (int place = 0; place < self->places; ++place) {
-    double square = 0;
     for (int k = 0; k < self->dimension; ++k) {
-      const double d = features[k] - self->appearance[place * self->dimension + k];
-      square += d * d;
+      const double d = features[k] - self->looks[place * self->dimension + k];
+      apart[place] += d * d;
     }
-    self->scratch[place] = square;
-    if (square < nearest) nearest = square;
+    if (apart[place] < apart[found]) found = place;
   }
-  for (int place = 0; place < self->places; ++place) {
-    belief[place] = (belief[place] + 1e-9) * exp(-(self->scratch[place] - nearest) * self->sharpness);
-    if (place == goal) belief[place] = 0;  // the episode would have ended there
-    sum += belief[place];
-  }
-  for (int place = 0; place < self->places; ++place) belief[place] = sum > 0 ? belief[place] / sum : 1.0 / self->places;
+  return found;
 }
 
 static void navigate(void* context, const EnvService* env, const citylearn_msg_Observation* seen, uint8_t* choice) {
-  Learner* self = context;
+  const Learner* self = context;
   for (uint32_t i = 0; i < env->agents; ++i) {
     choice[i] = kStay;
-    if (seen->flags._buffer[i] & citylearn_msg_FLAG_IDLE) continue;
-    double* belief = self->agent[i].belief;
-    const int goal = place_of(self, seen->goal._buffer[i]);
-    if (seen->flags._buffer[i] & citylearn_msg_FLAG_FIRST)
-      for (int place = 0; place < self->places; ++place) belief[place] = 1.0 / self->places;
-    else
-      predict(self, belief, seen->previous_action._buffer[i]);
-    correct(self, belief, seen->features._buffer + (size_t)i * seen->feature_dimension, goal);
-    double before = 0;
-    for (int place = 0; place < goal; ++place) before += belief[place];
-    const int wanted = before > 0.5 ? kAhead : kMaxRestart;
-    double best = -1;
-    for (int action = 0; action < kActions; ++action) {
-      if (!allowed(seen, i, action)) continue;
-      // At an end of the route the wanted way may be closed: then away from the end rather than nothing.
-      const double gain = self->chance[action][wanted] + 0.1 * self->chance[action][kMoves - 1 - wanted];
-      if (gain > best) best = gain, choice[i] = (uint8_t)action;
-    }
+    const uint8_t flags = seen->flags._buffer[i];
+    if (flags & citylearn_msg_FLAG_IDLE) continue;
+    const int here = locate(self, self->apart + i * (size_t)self->places, flags & citylearn_msg_FLAG_FIRST,
+                            seen->previous_action._buffer[i], seen->features._buffer + (size_t)i * env->dimension);
+    const int wanted = (uint32_t)here < seen->goal._buffer[i] ? kNext : kPrevious;
+    choice[i] = (uint8_t)(allowed(seen, i, wanted) ? wanted : kNext + kPrevious - wanted);
   }
 }
 
@@ -212,7 +151,7 @@ static long number(const char* option, const char* text, long lowest, long highe
 
 int main(int count, char** arguments) {
   const char *run = "default", *train = "summer", *others[16];
-  long domain = 0, frames = 128, first = 0, max_steps = 128, ticks = 1500, tasks = 300, seed = 1, wait = 60;
+  long domain = 0, frames = 128, max_steps = 128, ticks = 1500, tasks = 300, wait = 60;
   int evaluated = 0;
   for (int i = 1; i < count; i += 2) {
     const char *option = arguments[i], *value = arguments[i + 1];
@@ -225,8 +164,6 @@ int main(int count, char** arguments) {
       others[evaluated++] = value;  // once for each traversal
     else if (strcmp(option, "--domain") == 0)
       domain = number(option, value, 0, 232);
-    else if (strcmp(option, "--first-frame") == 0)
-      first = number(option, value, 0, citylearn_msg_MAX_FRAMES);
     else if (strcmp(option, "--frames") == 0)
       frames = number(option, value, 2, citylearn_msg_MAX_FRAMES);
     else if (strcmp(option, "--max-steps") == 0)
@@ -235,15 +172,11 @@ int main(int count, char** arguments) {
       ticks = number(option, value, 1, 1000000000);
     else if (strcmp(option, "--tasks") == 0)
       tasks = number(option, value, 1, 1000000);
-    else if (strcmp(option, "--seed") == 0)
-      seed = number(option, value, 1, 1000000000);
     else if (strcmp(option, "--wait") == 0)
       wait = number(option, value, 1, 100000);
     else
-      fail(
-          "unknown option %s (--domain --session --train --evaluate --first-frame --frames --max-steps --ticks --tasks "
-          "--seed --wait)",
-          option);
+      fail("unknown option %s (--domain --session --train --evaluate --frames --max-steps --ticks --tasks --wait)",
+           option);
   }
   if (evaluated == 0) others[evaluated++] = train;
 
@@ -256,32 +189,25 @@ int main(int count, char** arguments) {
       fail("%s has %u features, %s has %u", others[i], envs[i]->dimension, train, training_env->dimension);
   }
 
-  Learner self = {.places = (int)frames, .dimension = (int)training_env->dimension, .first_frame = (int)first};
+  Learner self = {.places = (int)frames, .dimension = (int)training_env->dimension, .random = 0x9E3779B97F4A7C15ull};
   self.enough = (uint64_t)ticks;
-  self.random = (uint64_t)seed * 0x9E3779B97F4A7C15ull;
-  self.appearance = zeroed((size_t)frames * training_env->dimension, sizeof *self.appearance);
+  self.looks = zeroed((size_t)frames * training_env->dimension, sizeof *self.looks);
   self.visits = zeroed((size_t)frames, sizeof *self.visits);
-  self.scratch = zeroed((size_t)frames, sizeof *self.scratch);
-  self.agent = zeroed(citylearn_msg_MAX_AGENTS, sizeof *self.agent);
-  for (int i = 0; i < citylearn_msg_MAX_AGENTS; ++i)
-    self.agent[i].belief = zeroed((size_t)frames, sizeof *self.agent[i].belief);
+  self.apart = zeroed((size_t)frames * citylearn_msg_MAX_AGENTS, sizeof *self.apart);
 
   citylearn_msg_TaskSettings settings;
   memset(&settings, 0, sizeof settings);
   settings.task_mode = citylearn_msg_TRAIN;
-  settings.first_frame = (uint32_t)first;
   settings.frames = (uint32_t)frames;
   settings.max_steps = (uint32_t)max_steps;
-  settings.seed = (uint64_t)seed;
-  strcpy(settings.policy, "counting");
+  settings.seed = 1;
+  strcpy(settings.policy, "nearest");
   const Policy explorer = {&self, explore, ignore_episode};
   session_command(session, training_env, settings, &explorer);
   while (self.ticks < self.enough) session_spin(session);
   command_idle(session, training_env);
   estimate(&self);
-  printf("%s: %lu observations of %u agents; next leads ahead in %.1f %%, previous back in %.1f %% of the cases\n",
-         train, (unsigned long)self.ticks, training_env->agents, 100 * self.chance[kNext][kAhead],
-         100 * self.chance[kPrevious][kMaxRestart]);
+  printf("%s: learned from %lu observations of %u agents\n", train, (unsigned long)self.ticks, training_env->agents);
 
   settings.task_mode = citylearn_msg_EVALUATE;
   settings.tasks = (uint32_t)tasks;
@@ -292,10 +218,8 @@ int main(int count, char** arguments) {
     }
 
   session_close(session);
-  for (int i = 0; i < citylearn_msg_MAX_AGENTS; ++i) free(self.agent[i].belief);
-  free(self.agent);
-  free(self.scratch);
+  free(self.apart);
   free(self.visits);
-  free(self.appearance);
+  free(self.looks);
   return 0;
 }

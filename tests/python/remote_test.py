@@ -81,15 +81,6 @@ class Equality(unittest.TestCase):
                 self.assertEqual(walk(env, 7, 60), walk(here, 7, 60), traversal)
                 env.close()
 
-    def test_send_and_recv(self):
-        with env_services("cyclonedds"):
-            env = connect("cyclonedds")
-            env.reset(seed=1)
-            env.send(np.zeros(4, int))
-            observation = env.recv()[0]
-            self.assertTrue((observation["previous_action"] == 0).all())
-            env.close()
-
     def test_a_closed_environment_frees_its_services(self):
         with env_services("cyclonedds"):
             for seed in range(2):

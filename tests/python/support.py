@@ -16,7 +16,6 @@ import numpy as np
 
 SOURCE, BUILD = (Path(sys.argv.pop(1)).resolve() for _ in range(2))
 sys.path[:0] = [str(BUILD / "python"), str(SOURCE / "tests/support")]
-from other_projects import missing
 
 # A route with features that is made at once.
 DRAWN = {"synthetic_images": 0, "synthetic_frames": 40, "synthetic_dimension": 16, "frames": 32}
@@ -73,13 +72,6 @@ def with_header(checkpoint, change, name):
     path = checkpoint.with_name(name)
     path.write_bytes(body + hashlib.sha256(body).digest())
     return path
-
-
-def need_modules(*names):
-    reason = missing(modules=names)
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(77)
 
 
 def towards_goal(observation, position):

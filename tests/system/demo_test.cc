@@ -10,7 +10,6 @@
 #include <set>
 
 #include "tests/paths.h"
-#include "tests/support/data/scans.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/hosts.h"
 #include "tests/support/processes/trial.h"
@@ -72,7 +71,7 @@ void expect_none_left(const Witness& witness) {
 const Arguments kEndless = {"--slip", "0", "--evaluate", "summer", "--steps", "1000000000"};
 
 TEST(Demo, PrintsItsTable) {
-  Demo demo({"--evaluate", "summer,fall", "--steps", "2048", "--tasks", "4", "--no-dashboard"});
+  Demo demo({"--evaluate", "summer,fall", "--steps", "2048", "--tasks", "4", "--overwrite", "--no-dashboard"});
   ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   // SPL of the agent, shuffled, and the controls by name, of which shortest_path is the last.
   for (const char* row :
@@ -97,6 +96,7 @@ TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
   ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
   for (const char* row : {"my_drive +[0-9.]+ ", "the_other__drive +[0-9.]+ ", "\nx{56} +[0-9.]+ "})
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
+  EXPECT_FALSE(fs::exists(demo.output() + "/logs/encoder.log")) << "they are features already";
 }
 
 // b is driven twice as fast as a: its frame i shows the place of frame 2i. By index it has no more than 100 places.
@@ -142,26 +142,6 @@ TEST(Demo, TakesParametersOfDatasetsAndEncodersAndAShortRoute) {
   EXPECT_TRUE(contains(demo->output(), "2011_09_26_drive_0001_sync")) << demo->output();
 }
 
-// Ranges are features: no encoder_service takes part.
-TEST(Demo, TrainsOnRangesOfALaser) {
-  Folder data;
-  const std::string laser = data / "2011_09_26_drive_0001_sync/velodyne_points";
-  std::string times;
-  for (int i = 10; i < 22; ++i) {
-    const auto near = static_cast<float>(i), far = static_cast<float>(50 - i * i % 37);
-    write_scan(laser + "/data/00000000" + std::to_string(i + 90).substr(1) + ".bin", {{near, 1, 0}, {-1, far, 0}});
-    times += "2011-09-26 13:02:" + std::to_string(i) + ".5\n";
-  }
-  make_file(laser + "/timestamps.txt", times);
-  Demo demo({"--data", data.path(), "--dataset", "kitti", "--kitti-ranges", "8", "--steps", "512", "--tasks", "4",
-             "--no-dashboard"},
-            own_domain(), {});
-  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
-  EXPECT_FALSE(fs::exists(demo.output() + "/logs/encoder.log"));
-  EXPECT_TRUE(contains(demo->output(), "2011_09_26_drive_0001_sync")) << demo->output();
-  EXPECT_TRUE(contains(demo->output(), "12 frames x 8 features")) << demo->output();
-}
-
 TEST(Demo, CtrlCAndSigtermStopAllWithinTwoSeconds) {
   for (const int signal : {SIGINT, SIGTERM}) {
     SCOPED_TRACE(signal);
@@ -187,17 +167,6 @@ TEST(Demo, IsFoundByToolsWhileItRuns) {
   demo->send(SIGTERM);
   EXPECT_EQ(demo->wait(seconds(2)), 143) << demo->output();
   EXPECT_FALSE(contains(demo.run("doctor --seconds 1"), "looks at the demo"));
-}
-
-TEST(Demo, IsRepeatedWithOtherOptions) {
-  Demo demo({"--evaluate", "summer", "--steps", "1024", "--tasks", "4", "--no-dashboard"});
-  ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
-  const std::string again =
-      demo.run("again '" + demo.output() + "' --seed 2 --tasks 5", "CITYLEARN_DOMAIN=" + std::to_string(own_domain()));
-  EXPECT_TRUE(contains(again, "seed 2")) << again;
-  EXPECT_TRUE(contains(again, CITYLEARN_SOURCE_DIR "/run demo --output ")) << again;
-  EXPECT_TRUE(contains(again, "Next:")) << again;
-  EXPECT_TRUE(contains(demo.run("again nowhere"), "'nowhere': is no folder of a demo's run"));
 }
 
 TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {

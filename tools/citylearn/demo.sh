@@ -341,7 +341,7 @@ demo() {
   fi
   local route=${train%%,*}   # the others are aligned to it, and the encoder learns from it
   # As many agents as the chosen agent trains best with; it says so itself, and complains of options it does not know.
-  local agents; agents=$("$policy" "${pass[@]}" --show-config) || exit 1
+  local agents; agents=$("$policy" "${pass[@]}" ${output:+--output "$output"} --show-config) || exit 1
   agents=$(awk '$1 == "--trainer-agents" { print $2 }' <<<"$agents")
   agents=${agents:-16}   # with --mode evaluate any number will do
   # Sets `dataset`, `kind` (whether it has images, yes or no), `pairs` (how they are found) and `length` of the traversal $1.

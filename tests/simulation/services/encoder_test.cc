@@ -83,8 +83,7 @@ bool serves_summer(const Service& encoder) {
 }
 
 constexpr int kLongWayFrames = 320;  // five blocks
-const std::string kLongWayCount = std::to_string(kLongWayFrames);
-const Arguments kLongWay = {"--dataset", "synthetic", "--frames", "0:" + kLongWayCount};
+const Arguments kLongWay = {"--dataset", "synthetic", "--frames", "0:" + std::to_string(kLongWayFrames)};
 
 TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnce) {
   std::vector<float> expected;
@@ -136,85 +135,6 @@ TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnc
         ids.erase(ids.begin() + static_cast<std::ptrdiff_t>(serving));
       }
     }
-}
-
-TEST(EncodingShared, OneThatComesLateFetchesEverything) {
-  Trial run("simulated");
-  const auto one = run.encoder({"--id", "one", "--store", "none"});
-  const auto summer = run.env("summer", kLongWay), fall = run.env("fall", kLongWay);
-  ASSERT_TRUE(one->says("fall: ready", kLongWait)) << one->output();
-  ASSERT_TRUE(one->says("summer: ready", kLongWait)) << one->output();
-  const auto two = run.encoder({"--id", "two", "--store", run.folder() / "own"});
-  ASSERT_TRUE(two->says("fall: ready", kLongWait)) << two->output();
-  ASSERT_TRUE(two->says("summer: ready", kLongWait)) << two->output();
-  EXPECT_EQ(occurrences(two->output(), "(0 of them now, " + kLongWayCount + " by others"), 2) << two->output();
-  EXPECT_EQ(two->end(SIGTERM, seconds(5)), 0);
-  EXPECT_TRUE(contains(two->output(), " 0 frames encoded")) << two->output();
-  // What it fetched is in its store.
-  const auto again = run.encoder({"--id", "two", "--store", run.folder() / "own"});
-  ASSERT_TRUE(again->says(kLongWayCount + " of " + kLongWayCount + " frames were encoded before", kEncodingWait))
-      << again->output();
-}
-
-TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
-  std::vector<float> expected;
-  for (const int killed_at : {0, 40, 100}) {  // 0: nobody is killed
-    const std::string what = "killed at " + std::to_string(killed_at);
-    Trial run("simulated");
-    EncodingWatch watch(run.middleware());
-    std::map<std::string, std::unique_ptr<Service>> encoders;
-    for (const char* id : {"one", "two", "three"})
-      encoders[id] = run.encoder({"--id", id, "--store", own_store(run, id, std::string(id) == "one")});
-    const auto summer = run.env("summer", kLongWay);
-    int by_killed = 0;
-    if (killed_at > 0) {
-      ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= killed_at; }, kLongWait)) << what;
-      by_killed = watch.encoded("one");
-      ASSERT_EQ(encoders["one"]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
-    }
-    int encoded = 0, fetched = 0;
-    for (const auto& [id, encoder] : encoders) {
-      if (id == "one" && killed_at > 0) continue;
-      ASSERT_TRUE(encoder->says("summer: ready", kLongWait)) << what << encoder->output();
-      encoded += number_before(encoder->output(), " of them now");
-      fetched += number_before(encoder->output(), " by others");
-    }
-    if (killed_at > 0) {
-      EXPECT_EQ(encoded + fetched, 2 * kLongWayFrames) << what;
-      EXPECT_LE(by_killed + encoded, kLongWayFrames + 2 * 64) << what << ": its unfinished blocks alone are lost";
-      // It comes back with what it had, and fetches the rest.
-      encoders["one"] = run.encoder({"--id", "one", "--store", own_store(run, "one", true)});
-      ASSERT_TRUE(encoders["one"]->says("summer: ready", kLongWait)) << encoders["one"]->output();
-      EXPECT_EQ(number_before(encoders["one"]->output(), " of them now"), 0);
-      const int before =
-          number_before(encoders["one"]->output(), " of " + kLongWayCount + " frames were encoded before");
-      EXPECT_GE(before, by_killed) << what;
-    }
-    std::string serving;
-    ASSERT_TRUE(poll_until(
-        [&] {
-          for (const auto& [id, encoder] : encoders)
-            if (serves_summer(*encoder)) serving = id;
-          return !serving.empty();
-        },
-        kEncodingWait))
-        << what;
-    const std::vector<float> features = watch.features("summer", serving, kEncodingWait);
-    ASSERT_FALSE(features.empty()) << what;
-    if (expected.empty()) expected = features;
-    EXPECT_TRUE(features == expected) << what;
-  }
-}
-
-TEST(EncodingShared, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
-  Trial run("lossy:simulated");
-  const auto one = run.encoder({"--id", "one", "--store", "none"}),
-             two = run.encoder({"--id", "two", "--store", "none"});
-  const auto summer = run.env("summer", kLongWay);
-  for (const auto* encoder : {one.get(), two.get()})
-    ASSERT_TRUE(encoder->says("summer: ready", kLongWait)) << encoder->output();
-  EXPECT_EQ(number_before(one->output(), " of them now") + number_before(two->output(), " of them now"),
-            kLongWayFrames);
 }
 
 /// Writes a route of tiny pictures, the same under every name. Returns the options of env_services on such routes.
@@ -343,14 +263,6 @@ TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
   const auto policy = run.policy({"--wait", std::to_string(4 * kSlowness)});
   ASSERT_EQ(policy->wait(kEncodingWait), 1) << policy->output() << encoder->output();
   EXPECT_TRUE(contains(policy->output(), "summer waits for an env_service on the reference 'spring'"));
-}
-
-TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
-  Trial run("lossy:simulated");
-  const auto summer = run.env("summer", kDrawn);
-  const auto encoder = run.encoder({});
-  const auto policy = run.train(10, "out");
-  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
 }
 
 TEST(EncodingFaults, WithoutAnEncoderServiceThePolicyServiceSaysWhatIsMissing) {

@@ -172,43 +172,6 @@ TEST_F(EnvClientTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   EXPECT_EQ(requests(), 0);
 }
 
-TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsRefusedInTheEnd) {
-  const Traversal small = small_traversal(20);
-  const Host host(small, 2, run_);
-  // One that announces features and never hands them out.
-  Node miser({middleware_options("inprocess"), "env_service", "miser", run_});
-  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
-  info.traversal() = "hoard";
-  info.frames() = 20;
-  info.feature_dimension() = 100000;
-  Player player(run_, {.patience = milliseconds(300)});
-  Clock::time_point again{};
-  const auto tell = [&] {
-    if (Clock::now() < again) return;
-    miser.publish(info);
-    again = Clock::now() + milliseconds(50);
-  };
-  ASSERT_TRUE(player.until([&] {
-    tell();
-    return player.client.envs().size() == 2;
-  }));
-  player.client.command(*player.env("miser"), route(0, 20));
-  player.client.command(*player.env("env-line"), route(0, 20));
-  const EnvHandle& refused = *player.env("miser");
-  ASSERT_TRUE(player.until([&] {
-    tell();
-    return !refused.refusal.empty();
-  }));
-  EXPECT_EQ(refused.refusal,
-            "traversal 'hoard': 3 parts of its features did not come (is env_service 'miser' still running?)");
-  const std::size_t before = player.shown["env-line"].size();
-  ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > before + 10; }));
-  tell();
-  EXPECT_FALSE(refused.usable()) << "until it restarts";
-  EXPECT_GT(player.shown["env-line"].size(), 10u);
-  EXPECT_TRUE(player.shown["miser"].empty());
-}
-
 TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   // An env_service that announces a traversal, and a stranger who answers in its place.
   Node owner({middleware_options("inprocess"), "owner", "owner", run_});

@@ -96,19 +96,6 @@ TEST(Recovery, ARunEndsWithTheEpisodesThatDidNotArriveAtOnce) {
   }
 }
 
-TEST(Recovery, AKilledEnvServiceIsWelcomedBack) {
-  Trial run("simulated");
-  auto summer = run.env("summer");
-  const auto policy = run.train(600, "out");  // it stands still without its only env_service
-  ASSERT_TRUE(run.has_checkpoint("out", kLongWait)) << policy->output();
-  summer->send(SIGKILL);
-  summer->wait(seconds(5));
-  ASSERT_FALSE(policy->says("trained ", milliseconds(1))) << "it had finished training before";
-  summer = run.env("summer");
-  ASSERT_TRUE(policy->says("restarted env_service", seconds(10))) << policy->output();
-  EXPECT_EQ(policy->wait(kLongWait), 0) << policy->output();
-}
-
 TEST(Recovery, SeveralTrainingEnvironmentsOneOfThemLost) {
   Trial run("simulated");
   auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
@@ -131,22 +118,6 @@ TEST(Recovery, ATrainingBeginsWithAllItsEnvServices) {
   one->send(SIGCONT);
   ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
   for (const auto* env : {one.get(), two.get()}) EXPECT_TRUE(contains(env->output(), ": training")) << env->output();
-}
-
-TEST(Lockstep, LossChangesNoByte) {
-  const std::string lossy = "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:simulated";
-  std::string expected;
-  for (const auto& [middleware, observations] :
-       {std::pair<std::string, std::string>{"simulated", "whole"}, {lossy, "whole"}, {lossy, "by_reference"}}) {
-    Trial run(middleware);
-    const auto summer = run.env("summer");
-    const auto policy = run.train(30, "out", {"--lockstep", "--seed", "5", "--observations", observations});
-    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
-    const std::string bytes = run.checkpoint("out").second;
-    if (expected.empty()) expected = bytes;
-    EXPECT_FALSE(bytes.empty());
-    EXPECT_TRUE(bytes == expected) << middleware << " " << observations;
-  }
 }
 
 TEST(Experiences, TrainOnTwoTraversalsThenActOnAThird) {

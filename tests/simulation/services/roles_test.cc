@@ -68,22 +68,6 @@ TEST(Roles, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
   run.expect_whole_records();
 }
 
-TEST(Roles, AKilledLearnerGoesOnWithTheSameActors) {
-  Learning run("simulated");
-  const auto summer = run.trial.env("summer");
-  auto learner = run.learner(300);  // some seconds: the first checkpoint is far from the end
-  const auto actor = run.actor("a");
-  ASSERT_TRUE(run.trial.has_checkpoint("out", kWholeRun)) << learner->output();
-  ASSERT_EQ(learner->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
-  EXPECT_TRUE(actor->says("is silent", kWholeRun)) << actor->output();
-  learner = run.learner(300, {"--resume"});
-  ASSERT_TRUE(actor->says("is back", kWholeRun)) << actor->output();
-  EXPECT_EQ(learner->wait(kWholeRun), 0) << learner->output();
-  EXPECT_TRUE(contains(learner->output(), "resuming after update"));
-  EXPECT_EQ(actor->wait(seconds(10)), 0) << actor->output();
-  run.expect_whole_records();
-}
-
 TEST(Roles, ALateActorGetsTheNewestParametersAtOnce) {
   Learning run("simulated");
   const auto one = run.trial.env("summer", {"--id", "one"});
@@ -131,19 +115,6 @@ TEST(Roles, ActorsWaitForALearnerThatIsSlow) {
   learner->send(SIGCONT);
   EXPECT_TRUE(run.reaches(before + 5)) << learner->output();
   EXPECT_TRUE(listener.hears("a", [](const auto& status) { return !status.waiting(); }));
-}
-
-TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
-  Learning run("lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:simulated");
-  const auto summer = run.trial.env("summer");
-  // A network of several chunks.
-  const auto learner = run.learner(8, {"--agent", "features", "--features-hidden", "96", "--features-cells", "64",
-                                       "--trainer-segment", "64", "--trainer-sequence", "32"});
-  const auto actor = run.actor("a");
-  ASSERT_EQ(learner->wait(kWholeRun), 0) << learner->output() << actor->output();
-  EXPECT_EQ(actor->wait(seconds(20)), 0) << actor->output();
-  EXPECT_EQ(run.updates(), 8);
-  run.expect_whole_records();
 }
 
 TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <algorithm>
-#include <bit>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -16,21 +14,14 @@ namespace citylearn::testing {
 
 inline constexpr seconds kEncodingWait{30};  ///< for what waits for the features of a traversal
 
-/// Hears how the encoder_services of a session divide their work, and fetches the features that they make.
+/// Fetches the features that the encoder_services of a session make.
 class EncodingWatch {
  public:
   explicit EncodingWatch(const MiddlewareOptions& middleware) : node_({middleware, "watch", "watch", "default"}) {
-    node_.create_reader<msg::ServiceStatus>();
     node_.create_reader<msg::TraversalInfo>();
     node_.create_reader<msg::TraversalChunk>();
-    node_.create_reader<msg::DescriptorStatus>();
   }
 
-  /// Returns how many frames an encoder_service was the first to have, so that it has encoded them.
-  int encoded(const std::string& id) const {
-    const auto found = encoded_.find(id);
-    return found == encoded_.end() ? 0 : found->second;
-  }
   bool until(const std::function<bool()>& condition, milliseconds patience) {
     return eventually([this] { spin(); }, condition, patience * kSlowness);
   }
@@ -57,27 +48,13 @@ class EncodingWatch {
  private:
   void spin() {
     node_.wait(Clock::now() + milliseconds(5));
-    while (node_.take(heartbeat_)) continue;
-    while (node_.take(status_)) {
-      std::vector<std::uint64_t>& announced = announced_[status_.hash()];
-      announced.resize(std::max(announced.size(), status_.present().size()));
-      for (std::size_t block = 0; block < status_.present().size(); ++block) {
-        const std::uint64_t frames = status_.present()[block];
-        encoded_[status_.header().sender().c_str()] += std::popcount(frames & ~announced[block]);
-        announced[block] |= frames;
-      }
-    }
     msg::TraversalInfo info;
     while (node_.take(info))
       if (info.encoder_incarnation() != 0) info_[info.traversal().c_str()] = info;
   }
 
   Node node_;
-  std::map<std::uint64_t, std::vector<std::uint64_t>> announced_;  // by hash and block, a bit a frame
-  std::map<std::string, int> encoded_;                             // frames, by id
-  std::map<std::string, msg::TraversalInfo> info_;                 // completed, by traversal
-  msg::ServiceStatus heartbeat_;
-  msg::DescriptorStatus status_;
+  std::map<std::string, msg::TraversalInfo> info_;  // completed, by traversal
   msg::TraversalChunk chunk_;
 };
 

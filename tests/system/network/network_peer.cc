@@ -51,22 +51,6 @@ int meet(const CommandLine& line) {
   return 0;
 }
 
-/// Says what each heartbeat of an env_service tells: its id, seconds since its start, steps a second and messages
-/// taken.
-int watch(const CommandLine& line) {
-  Node node(line.node);
-  node.create_reader<msg::ServiceStatus>();
-  msg::ServiceStatus status;
-  while (!stop_requested()) {
-    node.wait(Clock::now() + std::chrono::milliseconds(20));
-    while (node.take(status))
-      if (status.service() == "env_service")
-        say(fmt::format("{} {:.3f} {:.3f} {}", status.header().sender().c_str(), status.uptime(), status.rate(),
-                        status.received()));
-  }
-  return 0;
-}
-
 /// So many services of one process; each says when it ends that it stops.
 int leave(const CommandLine& line) {
   std::vector<std::unique_ptr<Node>> nodes;
@@ -158,9 +142,7 @@ int main(int argc, char** argv) {
   return service_main(
       argc, argv, "One end of the network tests.",
       [&](CLI::App& app) {
-        app.add_option("role", line.role)
-            ->required()
-            ->check(CLI::IsMember({"meet", "watch", "leave", "send", "receive"}));
+        app.add_option("role", line.role)->required()->check(CLI::IsMember({"meet", "leave", "send", "receive"}));
         app.add_option("--others", line.others);
         app.add_option("--rate", line.rate);
         app.add_option("--count", line.count);
@@ -170,7 +152,6 @@ int main(int argc, char** argv) {
       },
       [&] {
         return line.role == "meet"    ? meet(line)
-               : line.role == "watch" ? watch(line)
                : line.role == "leave" ? leave(line)
                : line.role == "send"  ? send(line)
                                       : receive(line);

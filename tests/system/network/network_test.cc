@@ -4,8 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdio>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -43,20 +41,6 @@ class Network : public ::testing::Test {
     command.insert(command.end(), {"--middleware", vendor, "--domain", "2", "--interface", Hosts::interface()});
     if (!peers.empty()) command.insert(command.end(), {"--peers", peers});
     return command;
-  }
-  /// An env_service of the drawn city.
-  static Arguments drawn_env(const std::string& id, int agents) {
-    return {CITYLEARN_ENV_SERVICE,
-            "--traversal",
-            "summer",
-            "--id",
-            id,
-            "--agents",
-            std::to_string(agents),
-            "--synthetic-images",
-            "0",
-            "--synthetic-frames",
-            "160"};
   }
   const Folder folder_;
   int count_ = 0;
@@ -252,8 +236,10 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
  protected:
   std::unique_ptr<Service> env(const Hosts& hosts, int host) {
     const std::string id = "env-" + std::to_string(++count_);
-    return hosts.start(host, on_host(drawn_env(id, 8), std::get<0>(GetParam()), Hosts::address(0)),
-                       folder_ / (id + ".log"));
+    const Arguments command = {
+        CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--id", id, "--agents", "8", "--synthetic-images", "0",
+        "--synthetic-frames",  "160"};
+    return hosts.start(host, on_host(command, std::get<0>(GetParam()), Hosts::address(0)), folder_ / (id + ".log"));
   }
   std::unique_ptr<Service> policy(const Hosts& hosts, const std::string& output, int steps,
                                   const Arguments& more = {}) {
@@ -319,93 +305,6 @@ TEST_P(Training, LosesNoEpisodeWhenOnePacketInTwentyIsLost) {
 
 // The only env_service is cut off from the policy_service. Both stay, and go on when they hear each other again.
 TEST_P(Training, GoesOnAfterAPartition) { expect_rejoined(4s); }
-
-/// The messages that one env_service takes while it trains: an action a tick, and so many other messages a second.
-struct Taken {
-  double seconds = 0, ticks = 0, messages = 0;
-};
-
-/// Trains with so many env_services on four hosts, for some seconds.
-class Messages : public Vendor {
- protected:
-  static constexpr int kAgents = 8;
-
-  void expect_few_messages(int count) {
-    Hosts hosts(6);  // policy_service, four of env_services, watcher
-    std::string peers = Hosts::address(0);
-    for (int other = 1; other < 6; ++other) peers += "," + Hosts::address(other);
-    const auto start = [&](int host, const Arguments& command, const std::string& name) {
-      return hosts.start(host, on_host(command, GetParam(), peers), folder_ / (name + ".log"));
-    };
-    std::vector<std::unique_ptr<Service>> envs;
-    for (int i = 0; i < count; ++i) {
-      const std::string id = "env-" + std::to_string(i);
-      envs.push_back(start(1 + i % 4, drawn_env(id, kAgents), id));
-    }
-    const auto watcher = start(5, {NETWORK_PEER, "watch", "--id", "watcher"}, "watcher");
-    const auto learner =
-        start(0,
-              {CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--environments", std::to_string(count), "--steps",
-               "1000000000", "--wait", "90", "--output", folder_ / "out"},
-              "policy");
-    std::map<std::string, Taken> taken;
-    ASSERT_TRUE(poll_until(
-        [&] {
-          taken = window(watcher->output());
-          return static_cast<int>(taken.size()) == count &&
-                 std::all_of(taken.begin(), taken.end(), [](const auto& one) { return one.second.seconds >= 4; });
-        },
-        100s))
-        << learner->output() << watcher->output();
-    double ticks = 0, most = 0;
-    for (const auto& [id, one] : taken) {
-      ticks += one.ticks / one.seconds / count;
-      const double others = (one.messages - one.ticks) / one.seconds;
-      most = std::max(most, others);
-      EXPECT_GT(one.messages, 0.5 * one.ticks) << id;
-      // A heartbeat's rate is of a slightly earlier second than its messages, so a change of speed leaves an error.
-      // Messages meant for others would be at least one a tick.
-      EXPECT_LT(others, 10 + 0.5 * one.ticks / one.seconds) << id << ", " << one.ticks / one.seconds << " ticks/s";
-    }
-    std::printf("%d env_services: %.0f ticks/s each, at most %.1f messages/s beside an action a tick\n", count, ticks,
-                most);
-    ASSERT_EQ(learner->end(SIGTERM, 30s), 130) << learner->output();
-  }
-
- private:
-  /// Returns figures by env_service, from its first heartbeat with steps to its last one.
-  static std::map<std::string, Taken> window(const std::string& output) {
-    struct Heartbeat {
-      double uptime, rate, received;
-    };
-    std::map<std::string, Heartbeat> before;
-    std::map<std::string, Taken> taken;
-    for (const std::string& line : lines_of(output)) {
-      const std::vector<std::string> parts = split(line, ' ');
-      if (parts.size() != 4 || !parts[0].starts_with("env-")) continue;
-      const Heartbeat now{std::stod(parts[1]), std::stod(parts[2]), std::stod(parts[3])};
-      const auto found = before.find(parts[0]);
-      if (found != before.end() && found->second.rate > 0 && now.uptime > found->second.uptime) {
-        Taken& one = taken[parts[0]];
-        one.seconds += now.uptime - found->second.uptime;
-        one.ticks += now.rate * (now.uptime - found->second.uptime) / kAgents;
-        one.messages += now.received - found->second.received;
-      }
-      before[parts[0]] = now;
-    }
-    return taken;
-  }
-};
-INSTANTIATE_TEST_SUITE_P(Hosts, Messages, ::testing::Values("cyclonedds", "fastdds"),
-                         [](const auto& param_info) { return param_info.param; });
-
-TEST_P(Messages, AreFewForAnEnvServiceOfFour) { expect_few_messages(4); }
-TEST_P(Messages, AreAsFewForOneOfSixteen) { expect_few_messages(16); }
-
-class LongMessages : public Messages {};
-INSTANTIATE_TEST_SUITE_P(Hosts, LongMessages, ::testing::Values("cyclonedds", "fastdds"),
-                         [](const auto& param_info) { return param_info.param; });
-TEST_P(LongMessages, AreAsFewForOneOfFortyEight) { expect_few_messages(48); }
 
 class LongPartition : public Training {};
 INSTANTIATE_TEST_SUITE_P(Hosts, LongPartition, kPairings, pairing_name);

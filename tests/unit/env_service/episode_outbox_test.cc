@@ -33,7 +33,7 @@ class Fixture {
     while (numbers.size() < most) {
       const auto sending = outbox.next(now);
       if (!sending) break;
-      const int number = static_cast<int>(sending->episode);
+      const int number = static_cast<int>(sending->number);
       numbers.push_back(sending->again ? -number : number);
     }
     return numbers;
@@ -164,7 +164,7 @@ TEST(EpisodeOutbox, KeepsForEachRecorderWhatItLacks) {
   fixture.sent();
   fixture.acknowledge("policy", 12);
   EXPECT_EQ(fixture.acknowledge("notebook", 0), Acknowledged::kYes);
-  EXPECT_EQ(fixture.outbox.recorders(), (std::vector<std::string>{"dashboard", "notebook", "policy"}));
+  EXPECT_EQ(fixture.outbox.readers(), (std::vector<std::string>{"dashboard", "notebook", "policy"}));
   EXPECT_EQ(fixture.sent(), again(11, 12)) << "and at once what is still kept";
   fixture.acknowledge("dashboard", 12);
   EXPECT_EQ(fixture.outbox.acknowledged(), 10u);
@@ -180,7 +180,7 @@ TEST(EpisodeOutbox, ARecorderThatWasGoneTakesOverAsFastAsItAcknowledges) {
   for (int i = 0; i < kMany / 100; ++i) {
     fixture.end_episodes(100);
     fixture.sent();
-    fixture.acknowledge("policy", fixture.outbox.episodes());
+    fixture.acknowledge("policy", fixture.outbox.last());
   }
   EXPECT_EQ(fixture.outbox.kept(), static_cast<std::size_t>(kMany));
   // Another process, whose store holds the first 50: no time passes from here on.
@@ -259,19 +259,19 @@ TEST(EpisodeOutbox, NothingIsKeptForWhoLeft) {
   EXPECT_EQ(fixture.outbox.kept(), 10u);
   EXPECT_EQ(fixture.acknowledge("policy", 3, /*leaving=*/true), Acknowledged::kYes);
   EXPECT_EQ(fixture.outbox.kept(), 0u);
-  EXPECT_EQ(fixture.outbox.recorders(), std::vector<std::string>{"dashboard"});
+  EXPECT_EQ(fixture.outbox.readers(), std::vector<std::string>{"dashboard"});
   fixture.repeat("policy", old, 2);
-  EXPECT_EQ(fixture.outbox.recorders(), std::vector<std::string>{"dashboard"})
+  EXPECT_EQ(fixture.outbox.readers(), std::vector<std::string>{"dashboard"})
       << "what comes late does not bring it back";
   EXPECT_EQ(fixture.acknowledge("stranger", 0, true), Acknowledged::kRepeated);
   EXPECT_EQ(fixture.acknowledge("policy", 0), Acknowledged::kYes) << "its next run";
-  EXPECT_EQ(fixture.outbox.recorders(), (std::vector<std::string>{"dashboard", "policy"}));
+  EXPECT_EQ(fixture.outbox.readers(), (std::vector<std::string>{"dashboard", "policy"}));
   // When the last one leaves, what it has not is kept for who comes next.
   fixture.end_episodes(5);
   fixture.sent();
   fixture.acknowledge("dashboard", 12, true);
   fixture.acknowledge("policy", 12, true);
-  EXPECT_TRUE(fixture.outbox.recorders().empty());
+  EXPECT_TRUE(fixture.outbox.readers().empty());
   EXPECT_EQ(fixture.outbox.kept(), 3u);
   EXPECT_EQ(fixture.acknowledge("next", 0), Acknowledged::kYes);
   EXPECT_EQ(fixture.sent(), again(13, 15));
@@ -302,13 +302,13 @@ TEST(EpisodeOutbox, RatherGivesUpTheRecorderThatIsAwayThanMemory) {
   fixture.end_episodes(101);
   EXPECT_EQ(fixture.outbox.problem(),
             "more than 1000 episodes wait for recorder 'dashboard': they are no longer kept for it");
-  EXPECT_EQ(fixture.outbox.recorders(), std::vector<std::string>{"policy"});
+  EXPECT_EQ(fixture.outbox.readers(), std::vector<std::string>{"policy"});
   EXPECT_EQ(fixture.outbox.kept(), 101u) << "those of the other one are";
   EXPECT_EQ(fixture.sent(), from_to(901, 1001));
   fixture.acknowledge("policy", 1001);
   EXPECT_EQ(fixture.outbox.kept(), 0u);
   EXPECT_EQ(fixture.acknowledge("dashboard", 0), Acknowledged::kYes) << "it may come back";
-  EXPECT_EQ(fixture.outbox.recorders().size(), 2u);
+  EXPECT_EQ(fixture.outbox.readers().size(), 2u);
 }
 
 TEST(EpisodeOutbox, WithoutAnyRecorderTheOldestGoAndThatIsTold) {
@@ -342,21 +342,21 @@ TEST(EpisodeOutbox, KnowsWhomToWaitForAtTheEnd) {
   fixture.acknowledge("policy", 0);
   fixture.end_episodes(3);
   fixture.sent();
-  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now));
+  EXPECT_TRUE(fixture.outbox.reader_expected(fixture.now));
   fixture.now += seconds(4);
-  EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now)) << "silent";
+  EXPECT_FALSE(fixture.outbox.reader_expected(fixture.now)) << "silent";
   fixture.beats("policy");
-  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now));
+  EXPECT_TRUE(fixture.outbox.reader_expected(fixture.now));
   fixture.beats("policy", /*stopping=*/true);
-  EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now));
+  EXPECT_FALSE(fixture.outbox.reader_expected(fixture.now));
   fixture.beats("policy", false, 2);
-  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now)) << "its next process";
+  EXPECT_TRUE(fixture.outbox.reader_expected(fixture.now)) << "its next process";
   fixture.now += seconds(2);
   fixture.beats("policy", false, 3);
   fixture.now += seconds(2);
-  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now)) << "one that takes its place in a moment";
+  EXPECT_TRUE(fixture.outbox.reader_expected(fixture.now)) << "one that takes its place in a moment";
   fixture.acknowledge("policy", 3, false, 2);
-  EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now)) << "it lacks nothing";
+  EXPECT_FALSE(fixture.outbox.reader_expected(fixture.now)) << "it lacks nothing";
   EXPECT_EQ(fixture.outbox.kept(), 3u);
   fixture.outbox.hurry(fixture.now);
   EXPECT_EQ(fixture.sent(), again(1, 3));
@@ -418,7 +418,7 @@ TEST(EpisodeOutbox, NothingIsLostWhateverTheWireAndTheRecordersDo) {
       if (ended >= 3000 && fixture.outbox.kept() == 0) break;
     }
     EXPECT_EQ(fixture.outbox.kept(), 0u) << "seed " << seed;
-    for (const Recorder& recorder : recorders) EXPECT_EQ(recorder.stored, fixture.outbox.episodes()) << recorder.name;
+    for (const Recorder& recorder : recorders) EXPECT_EQ(recorder.stored, fixture.outbox.last()) << recorder.name;
   }
 }
 

@@ -169,22 +169,6 @@ TEST_F(RecorderTest, AFewWaitForOthersButNotForLong) {
   EXPECT_EQ(number("SELECT COUNT(DISTINCT recorded) FROM episodes"), 1) << "one transaction";
 }
 
-TEST_F(RecorderTest, NothingIsLostOrDoubledOverAWireThatLosesAndRepeats) {
-  ScriptedEnvironment env("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=5:inprocess");
-  auto dashboard = make_dashboard("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=6:inprocess");
-  for (int part = 0; part < 4; ++part) {
-    env.finish_episodes(150);
-    ASSERT_TRUE(until([&] { return env.acknowledged > 150u * static_cast<unsigned>(part) + 20; }, env, *dashboard));
-    dashboard.reset();  // gone, in the middle of it
-    env.spin();
-    dashboard = make_dashboard("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=7:inprocess");
-  }
-  ASSERT_TRUE(until([&] { return env.kept.empty(); }, env, *dashboard));
-  EXPECT_EQ(env.acknowledged, 600u);
-  EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), 600);
-  EXPECT_EQ(number("SELECT MAX(episode) FROM episodes"), 600);
-}
-
 TEST_F(RecorderTest, LeavesOnlyWhenToldTo) {
   ScriptedEnvironment env;
   {

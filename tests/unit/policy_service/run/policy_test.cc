@@ -316,11 +316,6 @@ TEST(Files, AFailedWriteLeavesTheOldFile) {
   EXPECT_EQ(read_file(path), "old");
 }
 
-TEST(Files, ANamedErrorForAMissingFolder) {
-  EXPECT_THROW(citylearn::write_file("/nonexistent/folder/file", "x"), Error);
-  EXPECT_THROW(read_file("/nonexistent/file"), Error);
-}
-
 msg::Observation observation(int position, int goal, std::uint8_t flags, int frames, std::uint8_t previous) {
   msg::Observation o;
   o.frame() = {static_cast<std::uint32_t>(position)};
