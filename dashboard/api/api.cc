@@ -116,12 +116,16 @@ Answer Api::events(const Query& query) {
 }
 
 Answer Api::map(const Query& query) {
-  allow_only(query, {});
+  allow_only(query, {"first", "last", "points"});
   const std::uint64_t hash = parsed_hash(query.path[1]);
+  MapPart part;
+  part.first = number_parameter(query, "first", 0u, part.last).value_or(part.first);
+  part.last = number_parameter(query, "last", part.first, part.last).value_or(part.last);
+  part.points = number_parameter(query, "points", 2u, 1u << 16).value_or(part.points);
   const LiveView::Map map = live_ ? live_->map(hash) : LiveView::Map();
-  if (map.readiness == LiveView::Readiness::kHere) return json_answer(map.json);
+  if (map.readiness == LiveView::Readiness::kHere) return json_answer(map_json(hash, *map.map, part));
   BorrowedReader reader(*this);
-  if (const auto stored = reader->map(hash)) return json_answer(map_json(hash, *stored));
+  if (const auto stored = reader->map(hash)) return json_answer(map_json(hash, *stored, part));
   if (map.readiness == LiveView::Readiness::kComing) return coming();
   not_found("no env_service that is there hosts " + query.path[1] + ", and no map of it is stored");
 }

@@ -3,16 +3,24 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace citylearn {
 namespace {
 
+/// Returns the values of some frames, rounded to parts of `scale`; null when none is known.
 template <class Number>
-nlohmann::json numbers(const std::vector<Number>& values) {
+nlohmann::json numbers(const std::vector<Number>& values, const std::vector<std::uint32_t>& frames, double scale) {
   nlohmann::json all = nlohmann::json::array();
-  for (const Number value : values) all.push_back(std::isfinite(value) ? nlohmann::json(value) : nlohmann::json());
-  return all;
+  bool known = false;
+  for (const std::uint32_t frame : frames) {
+    const double value = frame < values.size() ? values[frame] : std::nan("");
+    all.push_back(std::isfinite(value) ? nlohmann::json(std::round(value * scale) / scale) : nlohmann::json());
+    known |= std::isfinite(value);
+  }
+  return known ? all : nlohmann::json();
 }
 
 }  // namespace
@@ -33,12 +41,42 @@ nlohmann::json traversal_json(const TraversalRow& t) {
           {"agents", t.agents},           {"images", t.images}};
 }
 
-nlohmann::json map_json(std::uint64_t hash, const RouteMap& map) {
+std::vector<std::uint32_t> outline(const RouteMap& map, const MapPart& part) {
+  std::vector<std::uint32_t> frames;
+  if (part.first >= map.frames || part.last < part.first) return frames;
+  const std::uint64_t steps = std::min(part.last, map.frames - 1) - part.first;
+  const std::uint64_t pieces = std::min<std::uint64_t>(steps, std::max(part.points, 2u) - 1);
+  const bool placed = map.latitude.size() == map.frames && map.longitude.size() == map.frames;
+  const auto distance = [&](std::uint32_t a, std::uint32_t b) {
+    const double north = map.latitude[a] - map.latitude[b], east = map.longitude[a] - map.longitude[b];
+    return std::hypot(north, east * std::cos(map.latitude[b] * std::numbers::pi / 180));
+  };
+  for (std::uint64_t i = 0; i < pieces; ++i) {
+    const auto begin = static_cast<std::uint32_t>(part.first + steps * i / pieces);
+    const auto end = static_cast<std::uint32_t>(part.first + steps * (i + 1) / pieces);
+    std::uint32_t chosen = begin;
+    double longest = -1;
+    for (std::uint32_t frame = begin; placed && i > 0 && frame < end; ++frame) {
+      const double detour = distance(frame, begin) + distance(frame, end);
+      // Of a piece that begins or ends at an unknown place, the first known one.
+      const double length = std::isfinite(detour) ? detour : std::isfinite(map.latitude[frame]) ? 0 : -1;
+      if (length > longest) longest = length, chosen = frame;
+    }
+    frames.push_back(chosen);
+  }
+  frames.push_back(static_cast<std::uint32_t>(part.first + steps));
+  return frames;
+}
+
+nlohmann::json map_json(std::uint64_t hash, const RouteMap& map, const MapPart& part) {
+  const std::vector<std::uint32_t> frames = outline(map, part);
+  constexpr double kMillimetres = 1e3, kMillimetresOfDegrees = 1e8;
   return {{"hash", hash_text(hash)},
           {"frames", map.frames},
-          {"position", numbers(map.position)},
-          {"latitude", map.latitude.empty() ? nlohmann::json() : numbers(map.latitude)},
-          {"longitude", map.longitude.empty() ? nlohmann::json() : numbers(map.longitude)}};
+          {"index", frames},
+          {"position", numbers(map.position, frames, kMillimetres)},
+          {"latitude", numbers(map.latitude, frames, kMillimetresOfDegrees)},
+          {"longitude", numbers(map.longitude, frames, kMillimetresOfDegrees)}};
 }
 
 }  // namespace citylearn

@@ -290,14 +290,14 @@ LiveView::Map Live::map(std::uint64_t hash) {
     const std::lock_guard lock(mutex_);
     map = maps_.find(hash);
     if (!map) {
-      if (maps_.fetching(hash)) return {Readiness::kComing, {}};
+      if (maps_.fetching(hash)) return {Readiness::kComing};
       const auto host = host_of(hash, false, 0);
-      if (!host) return {Readiness::kNone, {}};
+      if (!host) return {Readiness::kNone};
       if (maps_asked_.size() < kMaxRequested) maps_asked_[hash] = *host;
-      return {Readiness::kComing, {}};
+      return {Readiness::kComing};
     }
   }
-  return {Readiness::kHere, map_json(hash, *map)};
+  return {Readiness::kHere, std::move(map)};
 }
 
 std::vector<TraversalRow> Live::hosted() {

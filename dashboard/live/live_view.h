@@ -2,9 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+
+#include "dashboard/store/rows.h"
 
 namespace citylearn {
 
@@ -19,7 +22,7 @@ class LiveView {
   };
   struct Map {
     Readiness readiness = Readiness::kNone;
-    nlohmann::json json;  ///< as GET /api/map/HASH answers
+    std::shared_ptr<const RouteMap> map = nullptr;
   };
   struct Picture {
     Readiness readiness = Readiness::kNone;

@@ -19,7 +19,7 @@ class RouteStore {
     std::size_t run_bytes = std::size_t{8} << 20;        ///< of pictures, of all traversals of a run
     std::size_t traversal_bytes = std::size_t{2} << 20;  ///< of pictures, of one traversal of a run
     std::size_t places = 128;                            ///< of a run's route on one traversal
-    std::size_t map_frames = 200'000;                    ///< of a map, 20 bytes each; none is kept of a longer one
+    std::size_t map_frames = std::size_t{1} << 20;       ///< of a map, 20 bytes each; none is kept of a longer one
   };
   /// `store` must outlive it.
   RouteStore(Store& store, const Options& options) : store_(store), options_(options) {}

@@ -81,23 +81,12 @@ std::string matches_jpeg(const Traversal& reference, const Traversal& query, con
   return {file.begin(), file.end()};
 }
 
-/// Returns a PNG of an R x Q matrix, a query a column: dark to bright from the 1st to the 99th percentile of its finite
-/// entries, at most `most` pixels a side (a pixel is then the greatest entry of its block, so that thin lines
-/// stay visible).
-std::string matrix_png(const Eigen::Ref<const Eigen::MatrixXf>& matrix, int most = 1024) {
-  const Eigen::Index block = std::max<Eigen::Index>(1, (std::max(matrix.rows(), matrix.cols()) + most - 1) / most);
-  const Eigen::Index rows = (matrix.rows() + block - 1) / block, columns = (matrix.cols() + block - 1) / block;
+/// Returns a PNG of a matrix, an entry a pixel: dark to bright from the 1st to the 99th percentile of its finite
+/// entries.
+std::string matrix_png(const Eigen::MatrixXf& matrix) {
   std::vector<float> finite;
-  Eigen::MatrixXf small(rows, columns);
-  for (Eigen::Index c = 0; c < columns; ++c)
-    for (Eigen::Index r = 0; r < rows; ++r) {
-      const float value = matrix
-                              .block(r * block, c * block, std::min(block, matrix.rows() - r * block),
-                                     std::min(block, matrix.cols() - c * block))
-                              .maxCoeff();
-      small(r, c) = value;
-      if (std::isfinite(value)) finite.push_back(value);
-    }
+  for (const float value : matrix.reshaped())
+    if (std::isfinite(value)) finite.push_back(value);
   float low = 0, high = 1;
   if (!finite.empty()) {
     const auto at = [&](double share) {
@@ -109,10 +98,10 @@ std::string matrix_png(const Eigen::Ref<const Eigen::MatrixXf>& matrix, int most
     high = at(0.99);
   }
   const float scale = high > low ? 255 / (high - low) : 0;
-  cv::Mat grey(static_cast<int>(rows), static_cast<int>(columns), CV_8U), colour;
+  cv::Mat grey(static_cast<int>(matrix.rows()), static_cast<int>(matrix.cols()), CV_8U), colour;
   for (int c = 0; c < grey.cols; ++c)
     for (int r = 0; r < grey.rows; ++r) {
-      const float level = (small(r, c) - low) * scale;
+      const float level = (matrix(r, c) - low) * scale;
       grey.at<std::uint8_t>(r, c) = std::isnan(level) ? 0 : static_cast<std::uint8_t>(std::clamp(level, 0.0f, 255.0f));
     }
   try {
@@ -341,7 +330,7 @@ class Evaluation {
                       {"seconds", seconds}});
     if (stop_requested()) throw lab::Stopped{};
     if (options_.pictures)
-      write_file(options_.output + "/similarity-" + slug_of(row) + ".png", matrix_png(result.similarity));
+      write_file(options_.output + "/similarity-" + slug_of(row) + ".png", matrix_png(result.overview));
     if (options_.pictures && reference_.images) {
       row.matches = "matches-" + slug_of(row) + ".jpg";
       write_file(options_.output + "/" + row.matches, matches_jpeg(reference_, queries_[index], found, truths_[index]));

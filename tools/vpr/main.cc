@@ -124,6 +124,7 @@ int run(CommandLine& line) {
   options.matching.measure = measure_of(line.measure);
   options.store = line.store == "none" ? "" : line.store;
   options.pictures = !line.no_pictures;
+  options.matching.overview = options.pictures ? 1024 : 0;
   if (options.output.empty()) options.output = folder_of_now();
   return vpr::evaluate(options);
 }

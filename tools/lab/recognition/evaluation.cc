@@ -50,6 +50,28 @@ PrecisionRecall weighted_curve(const Answers& answers, const std::vector<int>& o
   return curve;
 }
 
+/// Adds the answers of a block of R x n scores to those of the queries before it.
+void add_answers(Answers& answers, const Eigen::Ref<const Eigen::MatrixXf>& block, const GroundTruth& truth) {
+  for (const auto column : block.colwise()) {
+    const int query = answers.queries();
+    const float *begin = column.data(), *end = begin + column.size();
+    float best = column.maxCoeff<Eigen::PropagateNumbers>(), best_right = kNone;
+    if (!(best > kNone)) best = kNone;
+    const std::vector<int> right = truth.right_frames(query);
+    for (const int r : right) best_right = std::max(best_right, column[r]);
+    int rank = Answers::kNever;
+    if (best_right > kNone) {
+      rank = 0;
+      for (const float* score = begin; score != end; ++score) rank += *score >= best_right;
+      for (const int r : right) rank -= column[r] >= best_right;
+    }
+    answers.nearest.push_back(best > kNone ? static_cast<int>(std::find(begin, end, best) - begin) : -1);
+    answers.confidence.push_back(best);
+    answers.rank.push_back(rank);
+    answers.answerable.push_back(!right.empty());
+  }
+}
+
 }  // namespace
 
 GroundTruth GroundTruth::by_index(int references, int queries, int tolerance) {
@@ -76,10 +98,13 @@ GroundTruth GroundTruth::by_matches(const std::vector<std::pair<int, int>>& matc
   return truth;
 }
 
-bool GroundTruth::right(int query, int reference) const {
-  const std::vector<int>& frames = frames_[query];
-  const auto after = std::lower_bound(frames.begin(), frames.end(), reference - tolerance_);
-  return after != frames.end() && *after <= reference + tolerance_;
+std::vector<int> GroundTruth::right_frames(int query) const {
+  std::vector<int> right;
+  for (const int frame : frames_[query])
+    for (int r = std::max(right.empty() ? 0 : right.back() + 1, frame - tolerance_);
+         r <= std::min(references_ - 1, frame + tolerance_); ++r)
+      right.push_back(r);
+  return right;
 }
 
 bool GroundTruth::answerable(int query) const { return !frames_[query].empty(); }
@@ -89,30 +114,13 @@ int GroundTruth::place(int query) const {
   return frames.empty() ? -1 : frames[frames.size() / 2];
 }
 
-Answers answers(const Eigen::Ref<const Eigen::MatrixXf>& similarity, const GroundTruth& truth) {
-  if (similarity.rows() != truth.references() || similarity.cols() != truth.queries())
-    throw Error("similarities of " + std::to_string(similarity.rows()) + " x " + std::to_string(similarity.cols()) +
+Answers answers(const Scores& scores, const GroundTruth& truth) {
+  if (scores.references() != truth.references() || scores.queries() != truth.queries())
+    throw Error("similarities of " + std::to_string(scores.references()) + " x " + std::to_string(scores.queries()) +
                 " frames, ground truth of " + std::to_string(truth.references()) + " x " +
                 std::to_string(truth.queries()));
   Answers result;
-  for (int q = 0; q < truth.queries(); ++q) {
-    const auto column = similarity.col(q);
-    int nearest = -1;
-    float best = kNone, best_right = kNone;
-    for (int r = 0; r < truth.references(); ++r) {
-      if (column[r] > best) best = column[nearest = r];
-      if (column[r] > best_right && truth.right(q, r)) best_right = column[r];
-    }
-    int rank = Answers::kNever;
-    if (best_right > kNone) {
-      rank = 0;
-      for (int r = 0; r < truth.references(); ++r) rank += column[r] >= best_right && !truth.right(q, r);
-    }
-    result.nearest.push_back(nearest);
-    result.confidence.push_back(best);
-    result.rank.push_back(rank);
-    result.answerable.push_back(truth.answerable(q));
-  }
+  scores.for_each_block([&](Eigen::Index, const Eigen::MatrixXf& block) { add_answers(result, block, truth); });
   return result;
 }
 

@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "tools/lab/recognition/scores.h"
+
 namespace citylearn {
 
 /// Which reference frames are right answers to which queries: those within `tolerance` frames of a frame that shows the
@@ -23,7 +25,8 @@ class GroundTruth {
   int references() const { return references_; }
   int queries() const { return static_cast<int>(frames_.size()); }
   int tolerance() const { return tolerance_; }
-  bool right(int query, int reference) const;
+  /// Returns all right reference frames, ascending.
+  std::vector<int> right_frames(int query) const;
   /// Returns whether any reference frame is right. Other queries do not count for recall; accepting them is an error.
   bool answerable(int query) const;
   /// Returns a frame that shows the same place, of several the middle one; -1: none.
@@ -46,8 +49,8 @@ struct Answers {
   static constexpr int kNever = 1 << 30;
   int queries() const { return static_cast<int>(rank.size()); }
 };
-/// `similarity`: R x Q, larger is nearer; -infinity and NaN are not answers. Throws Error when it does not fit `truth`.
-Answers answers(const Eigen::Ref<const Eigen::MatrixXf>& similarity, const GroundTruth& truth);
+/// Larger scores are nearer; -infinity and NaN are not answers. Throws Error when they do not fit `truth`.
+Answers answers(const Scores& scores, const GroundTruth& truth);
 
 /// Returns the share of answerable queries with a right frame among the n most similar ones; NaN when there are none.
 double recall_at(const Answers& answers, int n);

@@ -23,6 +23,7 @@ struct MatchingOptions {
   int hidden = 64;      ///< of the classifier
   int epochs = 200;
   std::uint64_t seed = 1;
+  int overview = 0;  ///< pixels a side of Result::overview, at most; 0: none
 };
 
 /// A chain of steps, "csls+sequence": a source of similarities (nearest or mlp; nearest when none is named), then any
@@ -34,8 +35,10 @@ class Method {
 
   const std::string& name() const { return name_; }
   struct Result {
-    Eigen::MatrixXf similarity;  ///< R x Q after all steps
     Answers answers;
+    /// The scores after all steps, a query a column; each entry the greatest of its block, so that thin lines stay
+    /// visible.
+    Eigen::MatrixXf overview;
   };
   /// `reference` D x R, `query` D x Q. Throws Error, Stopped.
   Result run(const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query, const GroundTruth& truth,

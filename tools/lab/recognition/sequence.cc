@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <string>
+#include <utility>
 
 #include "core/util/error.h"
 
@@ -30,18 +30,13 @@ std::vector<double> velocities_between(double slowest, double fastest, int lengt
   return velocities;
 }
 
-}  // namespace
-
-Eigen::MatrixXf sequence_similarity(const Eigen::Ref<const Eigen::MatrixXf>& similarity,
-                                    const SequenceOptions& options) {
-  if (options.length < 1 || (!options.causal && options.length % 2 == 0))
-    throw Error("a centred sequence has an odd number of frames");
+/// Returns the mean along the line through each entry, over the frames `before` and `after` it that are inside.
+Eigen::MatrixXf mean_along_lines(const Eigen::MatrixXf& similarity, const std::vector<double>& velocities, int before,
+                                 int after) {
   const Eigen::Index rows = similarity.rows(), columns = similarity.cols();
-  const int before = options.causal ? options.length - 1 : options.length / 2;
-  const int after = options.causal ? 0 : before;
   Eigen::MatrixXf best = Eigen::MatrixXf::Constant(rows, columns, -std::numeric_limits<float>::infinity());
   Eigen::VectorXf sum(rows), count(rows);
-  for (const double velocity : velocities_between(options.slowest, options.fastest, before))
+  for (const double velocity : velocities)
     for (Eigen::Index q = 0; q < columns; ++q) {
       sum.setZero();
       count.setZero();
@@ -59,22 +54,50 @@ Eigen::MatrixXf sequence_similarity(const Eigen::Ref<const Eigen::MatrixXf>& sim
   return best;
 }
 
-Eigen::MatrixXd local_contrast(const Eigen::Ref<const Eigen::MatrixXd>& difference, int window) {
+}  // namespace
+
+Scores sequence_similarity(Scores similarity, const SequenceOptions& options) {
+  if (options.length < 1 || (!options.causal && options.length % 2 == 0))
+    throw Error("a centred sequence has an odd number of frames");
+  const int before = options.causal ? options.length - 1 : options.length / 2, after = options.causal ? 0 : before;
+  const std::vector<double> velocities = velocities_between(options.slowest, options.fastest, before);
+  const auto reach = static_cast<Eigen::Index>(std::ceil(velocities.back() * before));
+  return transformed(std::move(similarity), {reach, before, after},
+                     [=](const Eigen::MatrixXf& block, Eigen::Index, Eigen::Index) {
+                       return mean_along_lines(block, velocities, before, after);
+                     });
+}
+
+Eigen::VectorXd local_contrast(const Eigen::Ref<const Eigen::VectorXd>& difference, int window) {
   if (window < 1) throw Error("the window of the local contrast needs at least one frame");
-  const Eigen::Index rows = difference.rows(), half = window / 2;
-  Eigen::MatrixXd enhanced(rows, difference.cols());
-  for (Eigen::Index q = 0; q < difference.cols(); ++q)
-    for (Eigen::Index r = 0; r < rows; ++r) {
-      const Eigen::Index from = std::max<Eigen::Index>(0, r - half);
-      const Eigen::Index size = std::min<Eigen::Index>(rows, r + half + 1) - from;
-      const auto around = difference.col(q).segment(from, size);
-      const double mean = around.mean();
-      const double squares = (around.array() - mean).square().sum();
-      const double deviation = size > 1 ? std::sqrt(squares / static_cast<double>(size - 1)) : 0;
-      enhanced(r, q) = deviation > 0 ? (difference(r, q) - mean) / deviation : 0;
-    }
-  if (enhanced.size() > 0) enhanced.array() -= enhanced.minCoeff();
-  return enhanced;
+  const Eigen::Index rows = difference.size(), half = std::min<Eigen::Index>(window / 2, rows - 1);
+  Eigen::ArrayXd count = Eigen::ArrayXd::Zero(rows), mean = count, squares = count;
+  // All windows at once: the frames `shift` after the windows' middles, for each shift.
+  const auto for_each_shift = [&](const auto& add) {
+    for (Eigen::Index shift = -half; shift <= half; ++shift)
+      add(std::max<Eigen::Index>(0, -shift), std::max<Eigen::Index>(0, shift), rows - std::abs(shift));
+  };
+  for_each_shift([&](Eigen::Index to, Eigen::Index from, Eigen::Index inside) {
+    mean.segment(to, inside) += difference.array().segment(from, inside);
+    count.segment(to, inside) += 1;
+  });
+  mean /= count;
+  for_each_shift([&](Eigen::Index to, Eigen::Index from, Eigen::Index inside) {
+    squares.segment(to, inside) += (difference.array().segment(from, inside) - mean.segment(to, inside)).square();
+  });
+  squares /= count - 1;
+  // Eigen's own root of several numbers at once is not exact.
+  const auto deviation = squares.unaryExpr([](double x) { return std::sqrt(x); });
+  return (squares > 0).select((difference.array() - mean) / deviation, 0);
+}
+
+double least_contrast(const Scores& scores, int window) {
+  double least = kInfinity;
+  scores.for_each_block([&](Eigen::Index, const Eigen::MatrixXf& block) {
+    for (const auto column : block.colwise())
+      least = std::min(least, local_contrast(-column.cast<double>(), window).minCoeff());
+  });
+  return least;
 }
 
 SeqSlam seqslam(const Eigen::Ref<const Eigen::MatrixXd>& difference, const SeqSlamOptions& options) {

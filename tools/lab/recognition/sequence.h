@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "tools/lab/recognition/scores.h"
+
 namespace citylearn {
 
 struct SequenceOptions {
@@ -18,13 +20,14 @@ struct SequenceOptions {
 /// centred there: S'(r, q) = max over v of mean over k = -h..h of S(r + round(v k), q + k). At the matrix's edges the
 /// mean is over the part of the line that is inside. Looks h frames ahead; a causal sequence, k = 1 - length..0, does
 /// not. Throws Error: an even length of a centred sequence, or velocities not in 0.1..10.
-Eigen::MatrixXf sequence_similarity(const Eigen::Ref<const Eigen::MatrixXf>& similarity,
-                                    const SequenceOptions& options);
+Scores sequence_similarity(Scores similarity, const SequenceOptions& options);
 
-/// SeqSLAM's local contrast enhancement (Milford & Wyeth, ICRA 2012, equation 4) of R x Q differences: each minus the
-/// mean of the reference frames within window / 2 of it, divided by their standard deviation (n - 1), then all shifted
-/// so that the least is 0. Where the window is constant the contrast is 0 before the shift.
-Eigen::MatrixXd local_contrast(const Eigen::Ref<const Eigen::MatrixXd>& difference, int window = 10);
+/// SeqSLAM's local contrast enhancement (Milford & Wyeth, ICRA 2012, equation 4) of a query's R differences: each minus
+/// mean of the reference frames within window / 2 of it, divided by their standard deviation (n - 1). Where the window
+/// is constant the contrast is 0. SeqSLAM shifts all so that the least is 0. Throws Error: a window without frames.
+Eigen::VectorXd local_contrast(const Eigen::Ref<const Eigen::VectorXd>& difference, int window = 10);
+/// Returns the least contrast of all scores as differences.
+double least_contrast(const Scores& scores, int window);
 
 /// OpenSeqSLAM's parameters (Suenderhauf, Neubert & Protzel, ICRA workshop 2013), with its values.
 struct SeqSlamOptions {

@@ -6,6 +6,7 @@ export interface Point {
 }
 
 const EARTH = 6_371_008.8; // mean radius, metres
+const RAD = Math.PI / 180;
 
 /**
  * Places in metres east and north of their middle, north up (y falls to the north, as screens count): equirectangular about
@@ -15,23 +16,33 @@ const EARTH = 6_371_008.8; // mean radius, metres
 export function project(
   latitude: readonly (number | null)[],
   longitude: readonly (number | null)[],
+  about: Origin | null = originOf(latitude, longitude),
 ): (Point | null)[] | null {
+  if (!about) return null;
+  const { lat0, lon0 } = about;
+  return latitude.map((lat, i) => {
+    const lon = longitude[i] ?? null;
+    if (lat === null || lon === null) return null;
+    const turned = lon + 360 * Math.round((lon0 - lon) / 360); // a road may cross longitude 180
+    return { x: (turned - lon0) * RAD * EARTH * Math.cos(lat0 * RAD), y: -(lat - lat0) * RAD * EARTH };
+  });
+}
+
+interface Origin {
+  lat0: number;
+  lon0: number;
+}
+
+/** Returns the middle of the places, in degrees; null when fewer than two are known. */
+export function originOf(latitude: readonly (number | null)[], longitude: readonly (number | null)[]): Origin | null {
   const known = latitude
     .map((lat, i) => [lat, longitude[i] ?? null] as const)
     .filter((pair): pair is readonly [number, number] => pair[0] !== null && pair[1] !== null);
   if (known.length < 2) return null;
-  const rad = Math.PI / 180;
   const lats = known.map((pair) => pair[0]);
   const first = known[0]?.[1] ?? 0;
-  const turned = (lon: number) => lon + 360 * Math.round((first - lon) / 360); // a road may cross longitude 180
-  const lons = known.map((pair) => turned(pair[1]));
-  const lat0 = (least(lats) + greatest(lats)) / 2;
-  const lon0 = (least(lons) + greatest(lons)) / 2;
-  return latitude.map((lat, i) => {
-    const lon = longitude[i] ?? null;
-    if (lat === null || lon === null) return null;
-    return { x: (turned(lon) - lon0) * rad * EARTH * Math.cos(lat0 * rad), y: -(lat - lat0) * rad * EARTH };
-  });
+  const lons = known.map((pair) => pair[1] + 360 * Math.round((first - pair[1]) / 360));
+  return { lat0: (least(lats) + greatest(lats)) / 2, lon0: (least(lons) + greatest(lons)) / 2 };
 }
 
 /** Returns the smallest of the values; unlike Math.min, however many there are. */

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { ComponentChildren, JSX } from 'preact';
 import { useMemo } from 'preact/hooks';
-import type { Episode, Run, RunDetail, RunTraversal, TraversalMap } from '../api/types';
+import type { Episode, Run, RunDetail, RunTraversal } from '../api/types';
 import { linesOf } from '../maths/curves';
 import { evaluationName } from '../maths/evaluations';
 import { integer, threeDecimals } from '../maths/format';
 import { routePart } from '../maths/scene';
 import { curveAxis, cursorAt, moved, setCursor, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
-import { useJson, valueOf } from '../state/resource';
+import { valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, Show, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
@@ -114,11 +114,10 @@ function MomentCurve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX
 
 /** The map without agents, with the pictures of its first place. */
 function Place({ traversal, detail, whole }: Omit<RecordedProps, 'run'>): JSX.Element {
-  const map = useJson<TraversalMap>(`api/map/${traversal.hash}`);
   const { first, count } = routePart(null, detail, traversal);
   return (
     <div class="columns route-columns">
-      <RouteMap map={valueOf(map)} first={first} count={count} walkers={[]} selected={0} path={[]} whole={whole} label={`Route of ${traversal.traversal}`} />
+      <RouteMap hash={traversal.hash} first={first} count={count} walkers={[]} selected={0} path={[]} whole={whole} label={`Route of ${traversal.traversal}`} />
       <Pictures on={traversal} name={traversal.traversal} alt={`Frame of ${traversal.traversal}`} frame={first} sibling={undefined} />
     </div>
   );

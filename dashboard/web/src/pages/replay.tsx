@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { ComponentChildren, JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
-import type { Episode, EpisodeDetail, RunDetail, TraversalMap } from '../api/types';
+import type { Episode, EpisodeDetail, RunDetail } from '../api/types';
 import type { Line } from '../maths/curves';
 import { evaluationName } from '../maths/evaluations';
 import { fixed, integer, threeDecimals } from '../maths/format';
@@ -129,7 +129,6 @@ function Player({ episode, positions, run, whole = false, focused = false }: Pla
   };
   const own = run?.traversals.find((one) => sameTraversal(one, episode));
   const [siblings, sibling] = siblingsOf(run?.traversals ?? [], episode);
-  const map = useJson<TraversalMap>(episode.hash === null ? null : `api/map/${episode.hash}`);
   const least = Math.min(...positions, episode.goal);
   const most = Math.max(...positions, episode.goal);
   const first = Math.min(manifestNumber(run, 'first_frame') ?? least, least);
@@ -181,7 +180,7 @@ function Player({ episode, positions, run, whole = false, focused = false }: Pla
       <div class="columns route-columns">
         <div class="stack">
           <RouteMap
-            map={valueOf(map)}
+            hash={episode.hash}
             first={first}
             count={count}
             walkers={walkers}

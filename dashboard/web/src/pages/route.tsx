@@ -4,7 +4,7 @@ import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import { runPath } from '../api/client';
 import { sceneOf } from '../api/frame';
 import { live } from '../api/live';
-import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
+import type { Run, RunDetail, RunTraversal, Scene } from '../api/types';
 import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
 import { beliefText, routePart, sceneText } from '../maths/scene';
@@ -104,7 +104,6 @@ function Scenery({ run, traversal, all, detail, whole }: {
 }): JSX.Element {
   const source = `${traversal.environment}@${run.session}`;
   const { scene, trails, came } = useScene(`scene:${source}`);
-  const map = useJson<TraversalMap>(`api/map/${traversal.hash}`);
   const agent = Math.min(Number(param('agent', '0')) || 0, Math.max((scene?.list.length ?? 1) - 1, 0));
   const walkers: Walker[] = useMemo(
     () => (scene?.list ?? []).map((one, i) => ({ ...one, label: `agent ${i}`, idle: idle(one) })),
@@ -126,7 +125,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
             </p>
           )}
           <RouteMap
-            map={valueOf(map)}
+            hash={traversal.hash}
             first={first}
             count={count}
             walkers={walkers}

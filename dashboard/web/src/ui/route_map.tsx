@@ -3,7 +3,9 @@ import type { JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import type { Belief, TraversalMap } from '../api/types';
 import { integer, metres } from '../maths/format';
-import { fit, greatest, least, nearest, pathOf, project, scaleBar, ticks, toScreen, zoomAt, type Point, type View } from '../maths/geometry';
+import { fit, greatest, least, nearest, originOf, pathOf, project, scaleBar, ticks, toScreen, zoomAt, type Point, type View } from '../maths/geometry';
+import { detailOf, pointAt, pointsBetween, refined, valueAt } from '../maths/outline';
+import { useJson, valueOf } from '../state/resource';
 import { seriesColour } from '../state/theme';
 import { IconButton, Swatch } from './basics';
 import { useSize } from './use';
@@ -18,7 +20,8 @@ export interface Walker {
 }
 
 interface RouteMapProps {
-  map: TraversalMap | null;
+  /** The hash of the traversal; null: it has no map. */
+  hash: string | null;
   /** The part of the traversal that the agents are on. */
   first: number;
   count: number;
@@ -35,8 +38,9 @@ interface RouteMapProps {
 
 /** What is drawn, and where. */
 interface Scene extends RouteMapProps {
+  map: TraversalMap | null;
   frames: number;
-  /** Where each frame was recorded, on a plane. Null: the frames are on a straight ruler with one unit per frame. */
+  /** Where the map's frames were recorded, on a plane. Null: the frames are on a straight ruler with one unit per frame. */
   points: readonly (Point | null)[] | null;
   view: View;
   width: number;
@@ -45,25 +49,38 @@ interface Scene extends RouteMapProps {
 
 /** Draws the route with its agents: a map, north up, where positions are known; else a ruler with a lane per agent. */
 export function RouteMap(props: RouteMapProps): JSX.Element {
-  const { map, first, count, walkers, selected, whole, label } = props;
+  const { hash, first, count, walkers, selected, whole, label } = props;
+  const coarse = valueOf(useJson<TraversalMap>(hash === null ? null : `api/map/${hash}`));
+  const [part, setPart] = useState<string | null>(null); // in more detail
+  const more = valueOf(useJson<TraversalMap>(coarse === null || part === null ? null : `api/map/${coarse.hash}${part}`));
+  const detail = useRef(more); // the last one, until the next one is there
+  detail.current = more ?? detail.current;
   const [room, { width }] = useSize<HTMLDivElement>();
+  const map = useMemo(() => coarse && refined(coarse, detail.current), [coarse, detail.current]);
   const frames = Math.max(map?.frames ?? 0, first + count);
-  const points = useMemo(() => (map?.latitude && map.longitude ? project(map.latitude, map.longitude) : null), [map]);
+  const origin = useMemo(() => (coarse?.latitude && coarse.longitude ? originOf(coarse.latitude, coarse.longitude) : null), [coarse]);
+  const planeOf = (one: TraversalMap | null): (Point | null)[] | null => (one?.latitude && one.longitude ? project(one.latitude, one.longitude, origin) : null);
+  const points = useMemo(() => planeOf(map), [map]);
+  const outline = useMemo(() => planeOf(coarse), [coarse]);
   const gps = points !== null;
   // A ruler needs one lane per agent.
   const height = gps ? (width > 1100 ? 640 : 440) : Math.min(560, 90 + 22 * walkers.length);
   const [view, setView] = useState<View | null>(null); // null: everything fits
   const from = whole ? 0 : first;
   const to = whole ? frames : first + count;
-  useEffect(() => setView(null), [points, from, to, width]);
+  useEffect(() => setView(null), [hash, origin, from, to, width]);
   const fitted = useMemo(() => {
     // Frames are counted by services: nothing is made for each that they claim.
     const ends = [{ x: from, y: 0 }, { x: to - 1, y: 0 }];
-    return points ? fit(points.slice(from, to), width, height, 36) : fit(ends, width, height, 60);
-  }, [points, from, to, width, height]);
+    return map && points ? fit(pointsBetween(map.index, points, from, to - 1), width, height, 36) : fit(ends, width, height, 60);
+  }, [origin, from, to, width, height]);
   const current = view ?? fitted;
+  const wanted = useMemo(() => (coarse && outline ? detailOf(coarse, outline, current, width, height) : null), [outline, current, width, height]);
+  useEffect(() => {
+    if (wanted !== null) setPart(wanted);
+  }, [wanted]);
   const drag = useRef<Point | null>(null);
-  const scene: Scene = { ...props, frames, points, view: current, width, height };
+  const scene: Scene = { ...props, map, frames, points, view: current, width, height };
 
   const zoom = (factor: number, about: Point = { x: width / 2, y: height / 2 }): void => setView(zoomAt(current, about, factor));
   const pan = (x: number, y: number): void => setView({ ...current, x: current.x + x, y: current.y + (gps ? y : 0) });
@@ -112,7 +129,7 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
         onPointerUp={() => (drag.current = null)}
         onPointerLeave={() => (drag.current = null)}
       >
-        {points ? <Track {...scene} points={points} /> : <Ruler {...scene} />}
+        {map && points ? <Track {...scene} map={map} points={points} /> : <Ruler {...scene} />}
         {props.heat?.map(({ frame, probability }) => {
           const at = probability >= 0.01 && screenAt(scene, frame, selected);
           return at && <circle key={frame} class="heat" cx={at.x} cy={at.y} r={8 + 12 * Math.sqrt(probability)} opacity={Math.sqrt(probability)} />;
@@ -139,20 +156,21 @@ function laneOf(index: number, { height, walkers }: Scene): number {
 /** Returns where a frame is on the screen; on a ruler, in the lane of the given agent. */
 function screenAt(scene: Scene, frame: number, lane: number): Point | null {
   if (!scene.points) return { x: toScreen(scene.view, { x: frame, y: 0 }).x, y: laneOf(lane, scene) };
-  const point = scene.points[frame];
+  const point = scene.map && pointAt(scene.map.index, scene.points, frame);
   return point ? toScreen(scene.view, point) : null;
 }
 
-function Track({ points, first, count, path, selected, view, width, height }: Scene & { points: readonly (Point | null)[] }): JSX.Element {
+function Track({ map, points, first, count, path, selected, view, width, height }: Scene & { map: TraversalMap; points: readonly (Point | null)[] }): JSX.Element {
   const whole = useMemo(() => pathOf(points), [points]);
-  const route = useMemo(() => pathOf(points.slice(first, first + count)), [points, first, count]);
+  const between = (from: number, to: number): string => pathOf(pointsBetween(map.index, points, from, to));
+  const route = useMemo(() => between(first, first + count - 1), [points, first, count]);
   const bar = scaleBar(view, Math.min(160, width / 3));
   return (
     <>
       <g class="track" transform={`translate(${view.x} ${view.y}) scale(${view.scale})`}>
         <path d={whole} stroke="var(--map-rest)" stroke-width="3" />
         <path d={route} stroke="var(--map-route)" stroke-width="5" />
-        <path d={pathOf(points.slice(least(path), greatest(path) + 1))} stroke={`var(--${seriesColour(selected)})`} stroke-width="5" />
+        <path d={between(least(path), greatest(path))} stroke={`var(--${seriesColour(selected)})`} stroke-width="5" />
       </g>
       <g class="scale" transform={`translate(16 ${height - 16})`}>
         <path d={`M0 -5V0H${bar.pixels}V-5`} />
@@ -178,7 +196,8 @@ function Ruler(scene: Scene): JSX.Element {
   const from = Math.max(0, Math.ceil(-view.x / view.scale));
   const to = Math.min(frames - 1, Math.floor((width - view.x) / view.scale));
   const seen = ticks(from, to, width / 110).filter((frame) => at(frame) >= 20 && at(frame) <= width - 24); // no label is cut
-  const zero = map?.position[0] ?? null;
+  const along = (frame: number): number | null => (map?.position ? valueAt(map.index, map.position, frame) : null);
+  const zero = along(0);
   const last = first + count - 1;
   return (
     <>
@@ -187,12 +206,12 @@ function Ruler(scene: Scene): JSX.Element {
       {walkers.map((_, i) => (i === selected ? line(first, last, laneOf(i, scene), 'line', 2) : line(first, last, laneOf(i, scene), 'line-soft', 1)))}
       {path.length > 1 && line(least(path), greatest(path), laneOf(selected, scene), seriesColour(selected), 4)}
       {seen.map((frame) => {
-        const along = map?.position[frame] ?? null;
+        const here = along(frame);
         return (
           <g key={frame} class="scale" transform={`translate(${at(frame)} ${base})`}>
             <path d="M0 0V7" />
             <text y="20">{integer(frame)}</text>
-            {along !== null && zero !== null && <text y="34">{metres(along - zero)}</text>}
+            {here !== null && zero !== null && <text y="34">{metres(here - zero)}</text>}
           </g>
         );
       })}

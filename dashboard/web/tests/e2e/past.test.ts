@@ -182,3 +182,64 @@ describe('the time cursor', () => {
     await page.waitForFunction(() => !location.hash.includes('at='));
   });
 });
+
+/** Gives all traversals of the store a map of a city with as many frames. */
+const CITY = `
+import math, sqlite3, sys
+from array import array
+count = int(sys.argv[2])
+turns = [250 * math.pi * i / count for i in range(count)]
+numbers = array('f', range(count)), array('d', [48 + 1e-4 * a * math.sin(a) for a in turns]), array('d', [11 + 1e-4 * a * math.cos(a) for a in turns])
+with sqlite3.connect(sys.argv[1], timeout=60) as store:
+    store.execute('UPDATE maps SET frames = ?, position = ?, latitude = ?, longitude = ?', (count, *[one.tobytes() for one in numbers]))
+`;
+
+describe('a map of many frames', () => {
+  it.each([100_000, 1_000_000])('is there at once and moves smoothly: %i', async (count) => {
+    const { page, complaints } = await stage.page('overview');
+    const shown = async (): Promise<number> => {
+      await page.goto(`${stage.url}#/overview`);
+      await page.getByRole('heading', { name: 'Newest run' }).waitFor();
+      const began = performance.now();
+      await page.goto(`${stage.url}#/${link('route', '&view=whole')}`);
+      await page.locator('.map .scale', { hasText: /\d k?m$/ }).first().waitFor(); // a ruler has one, too
+      return performance.now() - began;
+    };
+    await shown();
+    const before = await shown(); // what the page takes on this machine
+    await promisify(execFile)('python3', ['-c', CITY, join(stage.folder, 'dashboard.sqlite'), String(count)]);
+    let sent = 0;
+    const parts: string[] = [];
+    page.on('response', async (response) => {
+      const url = new URL(response.url());
+      if (!url.pathname.includes('/api/map/')) return;
+      sent += (await response.body()).length;
+      if (url.search) parts.push(url.search);
+    });
+    // The best of several: other programs take their share of the time.
+    expect(Math.min(await shown(), await shown(), await shown()) - before).toBeLessThan(1000);
+    // Moves the map with each frame of the screen. Returns the milliseconds between two that a quarter of them keeps to.
+    const moved = await page.locator('.map').evaluate(async (map) => {
+      const track = map.querySelector('.track') as Element;
+      const pointer = (type: string, x: number): boolean =>
+        map.dispatchEvent(new PointerEvent(type, { bubbles: true, buttons: 1, clientX: 300 + x, clientY: 300 }));
+      const frame = (): Promise<number> => new Promise((done) => requestAnimationFrame(done));
+      const times: number[] = [];
+      const from = track.getAttribute('transform');
+      pointer('pointerdown', 0);
+      for (let i = 0; i < 90; i++) {
+        times.push(await frame());
+        pointer('pointermove', 3 * (i % 60));
+      }
+      pointer('pointerup', 0);
+      if (track.getAttribute('transform') === from) throw new Error('the map has not moved');
+      const between = times.slice(1).map((time, i) => time - (times[i] as number)).sort((a, b) => a - b);
+      return between[between.length >> 2] as number;
+    });
+    expect(moved).toBeLessThan(20); // 16.7 at 60 frames a second
+    for (let i = 0; i < 10; i++) await page.getByRole('button', { name: 'Zoom in' }).press('Enter');
+    await expect.poll(() => parts.length).toBeGreaterThan(0);
+    expect(sent).toBeLessThan(2e6);
+    expect(complaints).toEqual([]);
+  });
+});

@@ -39,8 +39,8 @@ class FakeLive : public LiveView {
                            {"environment":"env-summer","dataset":"another"}])");
   }
   Map map(std::uint64_t hash) override {
-    if (hash == 0xAB) return {Readiness::kHere, {{"hash", "00000000000000ab"}, {"frames", 2}}};
-    return {hash == 0xCD ? Readiness::kComing : Readiness::kNone, {}};
+    if (hash == 0xAB) return {Readiness::kHere, std::make_shared<RouteMap>(RouteMap{2, {0, 1}, {}, {}})};
+    return {hash == 0xCD ? Readiness::kComing : Readiness::kNone};
   }
   Picture frame(std::uint64_t hash, std::uint32_t index) override {
     if (hash == 0xAB && index == 7) return {Readiness::kHere, "image/jpeg", "\xFF\xD8"};

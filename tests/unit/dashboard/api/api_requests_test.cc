@@ -50,9 +50,17 @@ TEST_F(ApiRunTest, AnswersFromTheStoreWhatNoEnvServiceHasAnyMore) {
   ASSERT_TRUE(routes.keep(kHash, map));
   ASSERT_TRUE(routes.keep(kHash, {{1, 0, 159}, 7}, {"image/jpeg", "\xFF\xD8"}));
   expect_row(json({"map", hash}), "map");
-  EXPECT_EQ(json({"map", hash}),
-            Json::parse(
-                R"({"hash":"fedcba9876543210","frames":3,"position":[0,null,2.5],"latitude":null,"longitude":null})"));
+  EXPECT_EQ(
+      json({"map", hash}),
+      Json::parse(
+          R"({"hash":"fedcba9876543210","frames":3,"index":[0,1,2],"position":[0,null,2.5],"latitude":null,"longitude":null})"));
+  const auto index = [&](const QueryParameters& part) { return json({"map", hash}, part)["index"].dump(); };
+  EXPECT_EQ(index({{"first", "1"}}), "[1,2]");
+  EXPECT_EQ(index({{"last", "1"}}), "[0,1]");
+  EXPECT_EQ(index({{"points", "2"}}), "[0,2]");
+  EXPECT_EQ(index({{"first", "3"}}), "[]");
+  expect_error(400, "'last'", {"map", hash}, {{"first", "2"}, {"last", "1"}});
+  expect_error(400, "'points'", {"map", hash}, {{"points", "70000"}});
   const auto header = [](const Answer& answer, const std::string& name) {
     for (const auto& [key, value] : answer.headers)
       if (key == name) return value;

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "core/files/image_header.h"
+#include "dashboard/live/json.h"
 #include "dashboard/live/route_archive.h"
 #include "dashboard/store/store_reader.h"
 #include "env_service/images/image_sources.h"
@@ -361,13 +362,36 @@ TEST_F(LiveRun, TheApiGetsPicturesAndMapsByHash) {
   EXPECT_EQ(live.frame(hash, 39).readiness, Readiness::kNone) << "it cannot be read";
   EXPECT_EQ(live.map(hash).readiness, Readiness::kComing);
   ASSERT_TRUE(until([&] { return live.map(hash).readiness == Readiness::kHere; }));
-  const Json map = live.map(hash).json;
+  const Json map = map_json(hash, *live.map(hash).map, {});
   EXPECT_EQ(map["frames"], 40);
   ASSERT_EQ(map["position"].size(), 40u);
   EXPECT_TRUE(map["position"][3].is_null());
   EXPECT_EQ(map["position"][4], 10.0);
   EXPECT_NEAR(map["latitude"][10].get<double>(), -26.999, 1e-9);
   EXPECT_EQ(map["longitude"].size(), 40u);
+}
+
+TEST(Outline, KeepsCornersAndDeadEndsOfALongRoute) {
+  // East, with a spike to the north at frame 537, and 80 frames on out and back within one of 10 pieces.
+  RouteMap map{1001, std::vector<float>(1001), std::vector<double>(1001, 48), std::vector<double>(1001)};
+  for (int i = 0; i < 1001; ++i) map.longitude[i] = 1e-5 * i;
+  map.latitude[537] = 48.01;
+  for (int i = 0; i < 40; ++i) map.longitude[810 + i] = map.longitude[890 - i] = 1e-5 * (810 + 3 * i);
+  map.longitude[850] = 0.01;
+  std::vector<std::uint32_t> frames = outline(map, {.points = 11});
+  ASSERT_EQ(frames.size(), 11u);
+  EXPECT_EQ(frames.front(), 0u);
+  EXPECT_EQ(frames[5], 537u);
+  EXPECT_EQ(frames[8], 850u);
+  EXPECT_EQ(frames.back(), 1000u);
+  EXPECT_TRUE(std::is_sorted(frames.begin(), frames.end()));
+  EXPECT_EQ(outline(map, {.first = 530, .last = 540}).size(), 11u) << "all of them";
+  EXPECT_EQ(outline(map, {.first = 7, .last = 7}), std::vector<std::uint32_t>{7});
+  for (int i = 500; i < 600; ++i) map.latitude[i] = std::nan("");
+  frames = outline(map, {.points = 11});
+  EXPECT_TRUE(std::isnan(map.latitude[frames[5]])) << "a gap stays one";
+  map.longitude.clear();  // nobody should send that
+  EXPECT_EQ(outline(map, {.points = 3}), (std::vector<std::uint32_t>{0, 500, 1000}));
 }
 
 TEST_F(LiveRun, ManyFramesAskedForAtOnceAllCome) {

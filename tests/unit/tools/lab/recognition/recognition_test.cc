@@ -25,7 +25,7 @@ Eigen::MatrixXf noise(int rows, int columns, std::uint64_t seed) {
 TEST(Similarity, CosineIgnoresLengthAndZerosAreFarFromAll) {
   const Eigen::MatrixXf reference = (Eigen::MatrixXf(2, 3) << 1, 0, 0, 0, 2, 0).finished();
   const Eigen::MatrixXf query = (Eigen::MatrixXf(2, 2) << 3, -1, 3, 0).finished();
-  const Eigen::MatrixXf found = similarity(reference, query, Measure::kCosine);
+  const Eigen::MatrixXf found = similarity(reference, query, Measure::kCosine).matrix();
   const float half = std::sqrt(0.5f);
   const Eigen::MatrixXf expected = (Eigen::MatrixXf(3, 2) << half, -1, half, 0, 0, 0).finished();
   EXPECT_LT((found - expected).cwiseAbs().maxCoeff(), 1e-6);
@@ -33,7 +33,7 @@ TEST(Similarity, CosineIgnoresLengthAndZerosAreFarFromAll) {
 
 TEST(Similarity, L2IsMinusTheDistanceEvenFarFromTheOrigin) {
   const Eigen::MatrixXf reference = noise(8, 30, 1).array() + 1000, query = noise(8, 20, 2).array() + 1000;
-  const Eigen::MatrixXf found = similarity(reference, query, Measure::kL2);
+  const Eigen::MatrixXf found = similarity(reference, query, Measure::kL2).matrix();
   for (int r = 0; r < 30; ++r)
     for (int q = 0; q < 20; ++q)
       ASSERT_NEAR(found(r, q), -(reference.col(r) - query.col(q)).norm(), 1e-3) << r << " " << q;
@@ -41,7 +41,7 @@ TEST(Similarity, L2IsMinusTheDistanceEvenFarFromTheOrigin) {
 
 TEST(Similarity, L1IsMinusTheSumOfDifferences) {
   const Eigen::MatrixXf reference = noise(5, 37, 1), query = noise(5, 21, 2);
-  const Eigen::MatrixXf found = similarity(reference, query, Measure::kL1);
+  const Eigen::MatrixXf found = similarity(reference, query, Measure::kL1).matrix();
   for (int r = 0; r < 37; ++r)
     for (int q = 0; q < 21; ++q)
       ASSERT_NEAR(found(r, q), -(reference.col(r) - query.col(q)).cwiseAbs().sum(), 1e-4) << r << " " << q;
@@ -57,7 +57,7 @@ TEST(Similarity, RefusesUnequalDimensionsAndUnknownMeasures) {
 
 TEST(Csls, ByHand) {
   const Eigen::MatrixXf similarity = (Eigen::MatrixXf(2, 2) << 0.9f, 0.8f, 0.1f, 0.7f).finished();
-  const Eigen::MatrixXf found = csls(similarity, 1);
+  const Eigen::MatrixXf found = csls(similarity, 1).matrix();
   // Means over one neighbour: of the references .9 and .7, of the queries .9 and .8.
   const Eigen::MatrixXf expected = (Eigen::MatrixXf(2, 2) << 0.0f, -0.1f, -1.4f, -0.1f).finished();
   EXPECT_LT((found - expected).cwiseAbs().maxCoeff(), 1e-6);
@@ -70,7 +70,7 @@ TEST(Csls, TakesAHubItsAnswers) {
   const Eigen::MatrixXf query = (reference + 0.8f * noise(16, 60, 4)).array() + 1.2f;
   reference.col(0).setOnes();
   const GroundTruth truth = GroundTruth::by_index(60, 60, 0);
-  const Eigen::MatrixXf plain = similarity(reference, query, Measure::kCosine);
+  const Scores plain = similarity(reference, query, Measure::kCosine);
   const Answers before = answers(plain, truth), after = answers(csls(plain), truth);
   const auto hubbed = [](const Answers& a) { return std::count(a.nearest.begin(), a.nearest.end(), 0); };
   EXPECT_GT(hubbed(before), 15);
@@ -80,13 +80,13 @@ TEST(Csls, TakesAHubItsAnswers) {
 
 TEST(GroundTruth, IndexMatchesAndTolerance) {
   const GroundTruth index = GroundTruth::by_index(10, 12, 2);
-  EXPECT_TRUE(index.right(5, 3));
-  EXPECT_TRUE(index.right(5, 7));
-  EXPECT_FALSE(index.right(5, 8));
+  EXPECT_EQ(index.right_frames(5), (std::vector<int>{3, 4, 5, 6, 7}));
+  EXPECT_EQ(index.right_frames(9), (std::vector<int>{7, 8, 9}));
   EXPECT_TRUE(index.answerable(9));
   EXPECT_FALSE(index.answerable(10));
   const GroundTruth matches = GroundTruth::by_matches({{8, 0}, {1, 0}}, 10, 2, 1);
-  for (int r = 0; r < 10; ++r) EXPECT_EQ(matches.right(0, r), r <= 2 || (r >= 7 && r <= 9)) << r;
+  EXPECT_EQ(matches.right_frames(0), (std::vector<int>{0, 1, 2, 7, 8, 9}));
+  EXPECT_EQ(GroundTruth::by_matches({{3, 0}, {4, 0}}, 10, 1, 1).right_frames(0), (std::vector<int>{2, 3, 4, 5}));
   EXPECT_FALSE(matches.answerable(1));
   EXPECT_EQ(matches.place(0), 8);
   EXPECT_EQ(matches.place(1), -1);
