@@ -92,7 +92,7 @@ class Recordings(unittest.TestCase):
                         longitude=10.0, altitude=0.0, position_covariance=np.zeros(9), position_covariance_type=0),
                         "sensor_msgs/msg/NavSatFix"))
             said = self.run_program("tools/data/citylearn_data", "info", bag)
-            self.assertRegex(said, r" 20 +211 +11\.12 +yes +32x24 ")  # 1/10000 degree is 11.12 m
+            self.assertRegex(said, r" 20 +211 +11\.12 +/fix +32x24 ")  # 1/10000 degree is 11.12 m
 
 
 if __name__ == "__main__":
