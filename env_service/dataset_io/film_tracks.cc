@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-extern "C" {
-#include <libavformat/avformat.h>
-}
-
 #include <algorithm>
 #include <cstdint>
 #include <map>
-#include <memory>
 #include <regex>
 #include <string_view>
 
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/text_table.h"
 #include "env_service/files/times.h"
+#include "env_service/images/film_file.h"
 
 namespace citylearn {
 namespace {
@@ -71,40 +67,25 @@ void read_subtitle(const std::string& text, double time, TracksByKind& tracks) {
   tracks["subtitles"].add(time, by_name ? one : other, by_name ? other : one);
 }
 
-struct FreeFilm {
-  void operator()(AVIOContext* it) const { avio_closep(&it); }
-  void operator()(AVFormatContext* it) const { avformat_close_input(&it); }
-  void operator()(AVPacket* it) const { av_packet_free(&it); }
-};
-
 }  // namespace
 
 GpsRows read_film_track(const std::string& path, std::string& kind) {
-  AVIOContext* bytes = nullptr;
-  if (avio_open(&bytes, ("file:" + path).c_str(), AVIO_FLAG_READ) < 0) return {};
-  const std::unique_ptr<AVIOContext, FreeFilm> file(bytes);
-  AVFormatContext* opened = avformat_alloc_context();
-  opened->pb = bytes;
-  AVDictionary* options = nullptr;
-  av_dict_set(&options, "protocol_whitelist", "none", 0);  // a playlist opens no other files
-  const int error = avformat_open_input(&opened, path.c_str(), nullptr, &options);
-  av_dict_free(&options);
-  if (error < 0) return {};
-  const std::unique_ptr<AVFormatContext, FreeFilm> film(opened);
+  FilmFile film;
+  if (film.open(path) < 0) return {};
   const auto tells = [&](const AVStream& stream) {
     return stream.codecpar->codec_type == AVMEDIA_TYPE_SUBTITLE ||
            stream.codecpar->codec_tag == MKTAG('g', 'p', 'm', 'd');
   };
   bool any = false;
-  for (unsigned i = 0; i < film->nb_streams; ++i) {
-    film->streams[i]->discard = tells(*film->streams[i]) ? AVDISCARD_DEFAULT : AVDISCARD_ALL;
-    any = any || tells(*film->streams[i]);
+  for (unsigned i = 0; i < film.format->nb_streams; ++i) {
+    film.format->streams[i]->discard = tells(*film.format->streams[i]) ? AVDISCARD_DEFAULT : AVDISCARD_ALL;
+    any = any || tells(*film.format->streams[i]);
   }
   if (!any) return {};
   TracksByKind tracks;
-  const std::unique_ptr<AVPacket, FreeFilm> packet(av_packet_alloc());
-  for (; av_read_frame(film.get(), packet.get()) >= 0; av_packet_unref(packet.get())) {
-    const AVStream& stream = *film->streams[packet->stream_index];
+  const Libav<AVPacket> packet(av_packet_alloc());
+  for (; av_read_frame(film.format.get(), packet.get()) >= 0; av_packet_unref(packet.get())) {
+    const AVStream& stream = *film.format->streams[packet->stream_index];
     if (!tells(stream) || packet->pts == AV_NOPTS_VALUE || packet->size <= 0) continue;
     const double begin = static_cast<double>(packet->pts) * av_q2d(stream.time_base);
     if (stream.codecpar->codec_type == AVMEDIA_TYPE_SUBTITLE)

@@ -1,8 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
-}
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -18,6 +14,7 @@ extern "C" {
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"
 #include "env_service/files/times.h"
+#include "env_service/images/film_file.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/images/video_picture.h"
 
@@ -28,16 +25,6 @@ constexpr std::uint64_t kDecodingVersion = 2;  // part of fingerprints; raised w
 constexpr int kNearbyPackets = 48;             // packets that are faster to read than to seek over
 constexpr int kCheckedPictures = 16;           // pictures that are decoded to see whether a film's index is right
 constexpr int kMaxSearch = 1000;               // packets behind a seek among which a known key frame must be
-
-struct FreeLibav {
-  void operator()(AVFormatContext* it) const { avformat_close_input(&it); }
-  void operator()(AVIOContext* it) const { avio_closep(&it); }
-  void operator()(AVCodecContext* it) const { avcodec_free_context(&it); }
-  void operator()(AVPacket* it) const { av_packet_free(&it); }
-  void operator()(AVFrame* it) const { av_frame_free(&it); }
-};
-template <class T>
-using Libav = std::unique_ptr<T, FreeLibav>;
 
 /// A packet that a decoder can begin with. Equal fields tell it again behind a seek.
 struct KeyFrame {
@@ -72,7 +59,7 @@ class VideoTrack {
     if (const int error = avcodec_open2(decoder_.get(), codec, nullptr); error < 0) fail(error);
   }
 
-  const AVFormatContext& format() const { return *format_; }
+  const AVFormatContext& format() const { return *film_.format; }
   const AVStream& stream() const { return *stream_; }
   const AVPacket& packet() const { return *packet_; }
   const AVFrame& picture() const { return *picture_; }
@@ -84,7 +71,7 @@ class VideoTrack {
     int error = 0;
     do {
       av_packet_unref(packet_.get());
-      error = av_read_frame(format_.get(), packet_.get());
+      error = av_read_frame(film_.format.get(), packet_.get());
       if (error < 0) break;
       empty_ += packet_->stream_index == stream_->index && packet_->size == 0;  // shows the picture before again
     } while (packet_->stream_index != stream_->index || packet_->size == 0);
@@ -129,11 +116,11 @@ class VideoTrack {
   }
 
   /// Returns whether the container's clock may begin anywhere and start anew, as in transport and program streams.
-  bool restarts_clock() const { return format_->iformat->flags & AVFMT_TS_DISCONT; }
+  bool restarts_clock() const { return film_.format->iformat->flags & AVFMT_TS_DISCONT; }
 
   /// Throws Error when fewer packets were read than the film should have.
   void require_whole(std::size_t packets) const {
-    const bool indexed = std::string(format_->iformat->name).starts_with("mov");
+    const bool indexed = std::string(film_.format->iformat->name).starts_with("mov");
     const auto listed = static_cast<std::size_t>(indexed ? avformat_index_get_entries_count(stream_) : 0);
     if (!ends_early_ && packets + empty_ >= listed) return;
     throw Error("ends early, after " + std::to_string(packets) + " pictures" +
@@ -143,7 +130,7 @@ class VideoTrack {
 
   /// Returns when the film says that it began; NaN where it does not. Clocks that were never set begin before 1990.
   double began() const {
-    for (const AVDictionary* told : {format_->metadata, stream_->metadata})
+    for (const AVDictionary* told : {film_.format->metadata, stream_->metadata})
       for (const char* const name : {"com.apple.quicktime.creationdate", "creation_time"})
         if (const AVDictionaryEntry* const entry = av_dict_get(told, name, nullptr, 0))
           if (const double time = read_moment(entry->value).utc(); time > read_moment("1990-01-01").seconds)
@@ -163,21 +150,10 @@ class VideoTrack {
 
  private:
   void open() {
-    format_.reset();
-    AVIOContext* file = nullptr;
-    int error = avio_open(&file, ("file:" + path_).c_str(), AVIO_FLAG_READ);
-    file_.reset(file);
+    const int error = film_.open(path_);
+    if (film_.bytes && avio_size(film_.bytes.get()) == 0) throw Error("an empty file", name_);
     if (error < 0) fail(error);
-    if (avio_size(file) == 0) throw Error("an empty file", name_);
-    AVFormatContext* opened = avformat_alloc_context();
-    opened->pb = file;
-    AVDictionary* options = nullptr;
-    av_dict_set(&options, "protocol_whitelist", "none", 0);  // a playlist opens no other files
-    error = avformat_open_input(&opened, path_.c_str(), nullptr, &options);
-    av_dict_free(&options);
-    if (error < 0) fail(error);
-    format_.reset(opened);
-    if (error = avformat_find_stream_info(opened, nullptr); error < 0) fail(error);
+    if (const int unknown = avformat_find_stream_info(film_.format.get(), nullptr); unknown < 0) fail(unknown);
     choose_stream();
     next_ = 0;
     empty_ = 0;
@@ -188,8 +164,8 @@ class VideoTrack {
   void choose_stream() {
     stream_ = nullptr;
     tracks_ = 0;
-    for (unsigned i = 0; i < format_->nb_streams; ++i) {
-      AVStream* const each = format_->streams[i];
+    for (unsigned i = 0; i < film_.format->nb_streams; ++i) {
+      AVStream* const each = film_.format->streams[i];
       each->discard = AVDISCARD_ALL;
       if (each->codecpar->codec_type != AVMEDIA_TYPE_VIDEO || each->codecpar->width <= 0 ||
           (each->disposition & (AV_DISPOSITION_ATTACHED_PIC | AV_DISPOSITION_TIMED_THUMBNAILS)))
@@ -205,7 +181,7 @@ class VideoTrack {
     for (int from = which, step = 1; from >= 0; from -= step, step *= 2) {
       const KeyFrame& key = keys[static_cast<std::size_t>(from)];
       const std::int64_t time = key.dts == AV_NOPTS_VALUE ? key.pts : key.dts;
-      if (av_seek_frame(format_.get(), stream_->index, time, AVSEEK_FLAG_BACKWARD) < 0) continue;
+      if (av_seek_frame(film_.format.get(), stream_->index, time, AVSEEK_FLAG_BACKWARD) < 0) continue;
       pending_ = false;
       for (int searched = 0; searched < kMaxSearch && read_packet(); ++searched) {
         if (!(packet_->flags & AV_PKT_FLAG_KEY)) continue;
@@ -228,8 +204,7 @@ class VideoTrack {
   }
 
   const std::string path_, name_;
-  Libav<AVIOContext> file_;
-  Libav<AVFormatContext> format_;
+  FilmFile film_;
   AVStream* stream_ = nullptr;
   int tracks_ = 0;
   Libav<AVCodecContext> decoder_;
