@@ -22,9 +22,7 @@ struct Raw {
 /// A type of topics that moves bytes which are CDR already.
 class RawType : public dds::TopicDataType {
  public:
-  /// Where samples lack the encapsulation, the type writes it.
-  RawType(const std::string& name, std::size_t max_bytes, bool lacks_encapsulation = false)
-      : head_(lacks_encapsulation ? 4 : 0) {
+  RawType(const std::string& name, std::size_t max_bytes) {
 #if CITYLEARN_FASTDDS_RELEASE == 2
     setName(name.c_str());
     auto_fill_type_object(false);
@@ -36,7 +34,7 @@ class RawType : public dds::TopicDataType {
   }
   /// Takes samples of so many bytes, and 3 more: other vendors pad to multiples of 4.
   void make_room(std::size_t bytes) {
-    const auto size = static_cast<std::uint32_t>(head_ + bytes + 3);
+    const auto size = static_cast<std::uint32_t>(bytes + 3);
 #if CITYLEARN_FASTDDS_RELEASE == 2
     m_typeSize = std::max(m_typeSize, size);
 #else
@@ -48,7 +46,7 @@ class RawType : public dds::TopicDataType {
   bool serialize(void* data, rtps::SerializedPayload_t* payload) override { return write(data, *payload); }
   bool deserialize(rtps::SerializedPayload_t* payload, void* data) override { return read(*payload, data); }
   std::function<std::uint32_t()> getSerializedSizeProvider(void* data) override {
-    return [this, data] { return size_of(data); };
+    return [data] { return size_of(data); };
   }
   void* createData() override { return new Raw; }
   void deleteData(void* data) override { delete static_cast<Raw*>(data); }
@@ -68,27 +66,22 @@ class RawType : public dds::TopicDataType {
 #endif
 
  private:
-  std::uint32_t size_of(const void* data) const {
-    return static_cast<std::uint32_t>(head_ + static_cast<const Raw*>(data)->out.size());
+  static std::uint32_t size_of(const void* data) {
+    return static_cast<std::uint32_t>(static_cast<const Raw*>(data)->out.size());
   }
-  bool write(const void* data, rtps::SerializedPayload_t& payload) const {
-    static constexpr unsigned char kLittleEndian[] = {0, 1, 0, 0};
+  static bool write(const void* data, rtps::SerializedPayload_t& payload) {
     const auto bytes = static_cast<const Raw*>(data)->out;
-    if (size_of(data) > payload.max_size) return false;
-    std::memcpy(payload.data, kLittleEndian, head_);
-    std::memcpy(payload.data + head_, bytes.data(), bytes.size());
+    if (bytes.size() > payload.max_size) return false;
+    std::memcpy(payload.data, bytes.data(), bytes.size());
     payload.length = size_of(data);
     payload.encapsulation = CDR_LE;
     return true;
   }
-  bool read(const rtps::SerializedPayload_t& payload, void* data) const {
-    if (payload.length < head_) return false;
+  static bool read(const rtps::SerializedPayload_t& payload, void* data) {
     const std::byte* begin = reinterpret_cast<const std::byte*>(payload.data);
-    static_cast<Raw*>(data)->in->assign(begin + head_, begin + payload.length);
+    static_cast<Raw*>(data)->in->assign(begin, begin + payload.length);
     return true;
   }
-
-  const std::size_t head_;
 };
 
 }  // namespace citylearn::fast
