@@ -16,23 +16,24 @@ export function placeOf(index: readonly number[], frame: number): number {
   return low;
 }
 
-/** Returns the value of a frame, on a straight line between those before and after it; null where one is unknown. */
-export function valueAt(index: readonly number[], values: readonly (number | null)[], frame: number): number | null {
+/** Returns what a frame has, `mixed` of those before and after it by its part of the way; null where one is unknown. */
+function between<T>(index: readonly number[], values: readonly (T | null)[], frame: number, mixed: (a: T, b: T, part: number) => T): T | null {
   const i = placeOf(index, frame);
   const [before, from] = [values[i] ?? null, index[i]];
   if (before === null || from === undefined || from === frame) return before;
   const [after, to] = [values[i + 1] ?? null, index[i + 1]];
-  return after === null || to === undefined ? null : before + ((after - before) * (frame - from)) / (to - from);
+  return after === null || to === undefined ? null : mixed(before, after, (frame - from) / (to - from));
+}
+
+const straight = (a: number, b: number, part: number): number => a + (b - a) * part;
+
+/** Returns the value of a frame, on a straight line between those before and after it; null where one is unknown. */
+export function valueAt(index: readonly number[], values: readonly (number | null)[], frame: number): number | null {
+  return between(index, values, frame, straight);
 }
 
 export function pointAt(index: readonly number[], points: readonly (Point | null)[], frame: number): Point | null {
-  const i = placeOf(index, frame);
-  const [before, from] = [points[i], index[i]];
-  if (!before || from === undefined || from === frame) return before ?? null;
-  const [after, to] = [points[i + 1], index[i + 1]];
-  if (!after || to === undefined) return null;
-  const part = (frame - from) / (to - from);
-  return { x: before.x + (after.x - before.x) * part, y: before.y + (after.y - before.y) * part };
+  return between(index, points, frame, (a, b, part) => ({ x: straight(a.x, b.x, part), y: straight(a.y, b.y, part) }));
 }
 
 /** Returns the points of the frames `first` to `last`, with those two. */
