@@ -32,7 +32,7 @@ Ros2Options ros2_defaults() {
   for (const auto& [name, help] : list_middlewares())
     if (name == "fastdds") ros.name = name;
   ros.interfaces = {kAll};
-  // Not an option's environment variable: ROS 1, and releases to come, set it to others, which is no mistake.
+  // It is not the option's environment variable, as ROS 1 and releases to come set it to names unknown here.
   const char* const distro = std::getenv("ROS_DISTRO");
   if (distro && std::ranges::count(ros2_distros(), distro)) ros.distro = distro;
   return ros;

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/util/text.h"
+#include "env_service/geometry/plane.h"
 #include "tools/data/inspection.h"
 
 namespace citylearn {
@@ -34,8 +35,8 @@ std::string map_of(const std::vector<Route>& routes) {
     for (std::size_t i = 0; i < route.latitude.size(); ++i) {
       if (!std::isfinite(route.latitude[i]) || !std::isfinite(route.longitude[i])) continue;
       if (first) north = route.latitude[i], east = route.longitude[i], first = false;
-      const double metres = 111'195, y = (route.latitude[i] - north) * metres,
-                   x = std::remainder(route.longitude[i] - east, 360) * metres * std::cos(north * 0.017453292519943295);
+      const double metres = kEarthRadius * kDegree, y = (route.latitude[i] - north) * metres,
+                   x = std::remainder(route.longitude[i] - east, 360) * metres * std::cos(north * kDegree);
       lines.back().emplace_back(x, y);
       least_x = std::min(least_x, x), most_x = std::max(most_x, x);
       least_y = std::min(least_y, y), most_y = std::max(most_y, y);

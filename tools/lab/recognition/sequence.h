@@ -23,8 +23,9 @@ struct SequenceOptions {
 Scores sequence_similarity(Scores similarity, const SequenceOptions& options);
 
 /// SeqSLAM's local contrast enhancement (Milford & Wyeth, ICRA 2012, equation 4) of a query's R differences: each minus
-/// mean of the reference frames within window / 2 of it, divided by their standard deviation (n - 1). Where the window
-/// is constant the contrast is 0. SeqSLAM shifts all so that the least is 0. Throws Error: a window without frames.
+/// the mean of the reference frames within window / 2 of it, divided by their standard deviation (n - 1). Where the
+/// window is constant the contrast is 0. SeqSLAM shifts all so that the least is 0. Throws Error: a window without
+/// frames.
 Eigen::VectorXd local_contrast(const Eigen::Ref<const Eigen::VectorXd>& difference, int window = 10);
 /// Returns the least contrast of all scores as differences.
 double least_contrast(const Scores& scores, int window);
