@@ -24,7 +24,7 @@ using TracksByKind = std::map<std::string, GpsRows>;         // the kind with th
 constexpr unsigned kMinFix = 2;                              // of GPSF and GPS9: 2 has no height, 3 has one
 constexpr int kMaxNesting = 8;                               // of GPMF: cameras write 2
 constexpr std::size_t kMaxSubtitle = 2000;                   // bytes
-constexpr int kMotionSamples = 100;                          // pictures of a film whose motion is measured
+constexpr int kMotionSamples = 50;                           // pictures of a film whose motion is measured
 constexpr std::size_t kMinMotionSamples = 20;                // that have a place: fewer prove nothing
 constexpr double kMotionStep = 0.1;                          // seconds: some films repeat pictures
 constexpr double kMinMotionFit = 0.6, kMinMotionLead = 0.4;  // correlations, of the better fit and over the other

@@ -32,7 +32,7 @@ GpsRows read_film_track(const std::string& path, std::string& kind);
 
 /// Returns when a film began, in seconds from its creation_time, which some telephones write at its end: 0, or minus
 /// its length. `rows` is a track on the clock of creation_time that tells places up to `reach` seconds beyond its ends.
-/// Where both would do, the film moves as the track does: at most 100 pictures and those 1/10 s later are compared.
+/// Where both would do, the film moves as the track does: at most 50 pictures and those 1/10 s later are compared.
 /// Logs that the end is taken, or that neither fits clearly better. `where` names the film in messages.
 double find_film_start(const Traversal& film, const GpsRows& rows, double reach, const std::string& where);
 
