@@ -1,22 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
 #include <map>
+#include <opencv2/imgproc.hpp>
 #include <regex>
 #include <string_view>
 
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/text_table.h"
 #include "env_service/files/times.h"
+#include "env_service/geometry/geometry.h"
 #include "env_service/images/film_file.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {
 
-using TracksByKind = std::map<std::string, GpsRows>;  // the kind with the best fixes is the last one
-constexpr unsigned kMinFix = 2;                       // of GPSF and GPS9: 2 has no height, 3 has one
-constexpr int kMaxNesting = 8;                        // of GPMF: cameras write 2
-constexpr std::size_t kMaxSubtitle = 2000;            // bytes
+using TracksByKind = std::map<std::string, GpsRows>;         // the kind with the best fixes is the last one
+constexpr unsigned kMinFix = 2;                              // of GPSF and GPS9: 2 has no height, 3 has one
+constexpr int kMaxNesting = 8;                               // of GPMF: cameras write 2
+constexpr std::size_t kMaxSubtitle = 2000;                   // bytes
+constexpr int kMotionSamples = 50;                           // pictures of a film whose motion is measured
+constexpr std::size_t kMinMotionSamples = 20;                // that have a place: fewer prove nothing
+constexpr double kMotionStep = 0.1;                          // seconds: some films repeat pictures
+constexpr double kMinMotionFit = 0.6, kMinMotionLead = 0.4;  // correlations, of the better fit and over the other
 
 std::int64_t big_endian(const std::uint8_t* at, int bytes) {
   std::uint32_t value = 0;
@@ -67,6 +78,63 @@ void read_subtitle(const std::string& text, double time, TracksByKind& tracks) {
   tracks["subtitles"].add(time, by_name ? one : other, by_name ? other : one);
 }
 
+/// A moment of a film and how much its pictures change then, 0 to 255.
+using Motion = std::pair<double, double>;
+
+std::vector<Motion> motion_of(const Traversal& film) {
+  Bytes bytes;
+  const auto grey = [&](std::size_t frame) {
+    film.images->read(static_cast<int>(frame), bytes);
+    cv::Mat small, picture = decode_image(bytes, film.images->name(static_cast<int>(frame)));
+    cv::resize(picture, small, cv::Size(64, 48), 0, 0, cv::INTER_AREA);
+    cv::cvtColor(small, small, cv::COLOR_BGR2GRAY);
+    return small;
+  };
+  std::vector<Motion> motion;
+  const std::vector<double>& times = film.times;
+  for (int i = 0; i < kMotionSamples; ++i) try {
+      const std::size_t frame = times.size() * static_cast<std::size_t>(i) / kMotionSamples;
+      const auto next = std::lower_bound(times.begin(), times.end(), times[frame] + kMotionStep);
+      if (next == times.end()) break;
+      const cv::Mat before = grey(frame), after = grey(static_cast<std::size_t>(next - times.begin()));
+      motion.emplace_back(times[frame], cv::norm(before, after, cv::NORM_L1) / static_cast<double>(before.total()));
+    } catch (const Error&) {  // a damaged picture: reading the film tells of it
+    }
+  return motion;
+}
+
+/// Returns the correlation of a film's motion and the speed on the track where second 0 of the film is at `start` of
+/// it; 0 where that cannot be told. The highest tenth of each counts as equal: cuts, and wrong fixes.
+double motion_fit(const std::vector<Motion>& motion, const GpsRows& rows, double start, double reach) {
+  std::vector<double> moments;
+  for (const Motion& at : motion) moments.insert(moments.end(), {start + at.first - 1, start + at.first + 1});
+  const std::vector<double> latitude = interpolate(rows.times, rows.latitude, moments, reach),
+                            longitude = interpolate_longitude(rows.times, rows.longitude, moments, reach);
+  std::array<std::vector<double>, 2> values;
+  for (std::size_t i = 0; i < motion.size(); ++i) {
+    const double way = metres_between(latitude[2 * i], longitude[2 * i], latitude[2 * i + 1], longitude[2 * i + 1]);
+    if (std::isnan(way)) continue;
+    values[0].push_back(motion[i].second);
+    values[1].push_back(way);
+  }
+  const std::size_t count = values[0].size();
+  if (count < kMinMotionSamples) return 0;
+  for (std::vector<double>& series : values) {
+    std::vector<double> sorted = series;
+    std::sort(sorted.begin(), sorted.end());
+    double mean = 0;
+    for (double& value : series) mean += (value = std::min(value, sorted[count * 9 / 10])) / static_cast<double>(count);
+    for (double& value : series) value -= mean;
+  }
+  double squares[2] = {0, 0}, products = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    products += values[0][i] * values[1][i];
+    for (const int k : {0, 1}) squares[k] += values[k][i] * values[k][i];
+  }
+  const double scale = std::sqrt(squares[0] * squares[1]);
+  return scale > 1e-9 ? products / scale : 0;
+}
+
 }  // namespace
 
 GpsRows read_film_track(const std::string& path, std::string& kind) {
@@ -102,6 +170,29 @@ GpsRows read_film_track(const std::string& path, std::string& kind) {
       rows.log = path;
     }
   return kind.empty() ? GpsRows() : tracks[kind];
+}
+
+double find_film_start(const Traversal& film, const GpsRows& rows, double reach, const std::string& where) {
+  const double first = film.times[0], length = film.times.back();
+  const double begin = rows.times.front() - reach, end = rows.times.back() + reach;
+  if (length <= 2 * reach || first - length < begin || end < 0) return 0;  // too short to matter, or not at its end
+  if (first + length / 10 > rows.times.back()) {
+    spdlog::warn("{}: creation_time is taken as its end, as the track ends about then or before", where);
+    return -length;
+  }
+  const std::vector<Motion> motion = motion_of(film);
+  const double at_start = motion_fit(motion, rows, 0, reach), at_end = motion_fit(motion, rows, -length, reach);
+  if (at_end >= kMinMotionFit && at_end - at_start >= kMinMotionLead) {
+    spdlog::warn("{}: creation_time is taken as its end: its motion fits the speed on the track {:.2f} against {:.2f}",
+                 where, at_end, at_start);
+    return -length;
+  }
+  if (at_start < kMinMotionFit || at_start - at_end < kMinMotionLead)
+    spdlog::warn(
+        "{}: creation_time is taken as its start, but it may be its end: motion fits the track's speed {:.2f} and "
+        "{:.2f}; if it is, give --plain-clock-offset {:.0f}, else .001",
+        where, at_start, at_end, -length);
+  return 0;
 }
 
 }  // namespace citylearn

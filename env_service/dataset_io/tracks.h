@@ -30,6 +30,12 @@ GpsRows read_track(const std::string& path, double near);
 /// is none, or the file is not a film.
 GpsRows read_film_track(const std::string& path, std::string& kind);
 
+/// Returns when a film began, in seconds from its creation_time, which some telephones write at its end: 0, or minus
+/// its length. `rows` is a track on the clock of creation_time that tells places up to `reach` seconds beyond its ends.
+/// Where both would do, the film moves as the track does: at most 50 pictures and those 1/10 s later are compared.
+/// Logs that the end is taken, or that neither fits clearly better. `where` names the film in messages.
+double find_film_start(const Traversal& film, const GpsRows& rows, double reach, const std::string& where);
+
 /// Reads the fixes of NMEA 0183: GGA, else RMC, of the receiver that has most of them in the best quality; days are
 /// those of RMC or ZDA, else of `near`. Sentences with a wrong checksum count in `broken`.
 std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broken);

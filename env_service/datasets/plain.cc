@@ -135,6 +135,10 @@ class Plain : public FolderDataset {
     const double zero =
         (std::isnan(began) ? rows.times[0] : began) + clock_offset_;  // of the frames, on the track's clock
     for (double& time : rows.times) time -= zero;
+    if (began > 0 && clock_offset_ == 0) {  // photographs' times are of the day itself
+      const double start = find_film_start(traversal, rows, kTrackReach, traversal.name);
+      for (double& time : rows.times) time -= start;
+    }
     const std::vector<double>& times = traversal.times;
     if (times.back() < rows.times.front() || times[0] > rows.times.back()) {
       std::vector<double> zones;  // those in which it would be of the same time

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 
 #include "env_service/dataset_io/photographs.h"
 #include "env_service/geometry/geometry.h"
@@ -142,6 +143,70 @@ TEST(Tracks, BesideAFilmNeedItsTime) {
   const Log log;
   EXPECT_TRUE(make_dataset("plain", folder.path())->load("walk").latitude.empty());
   EXPECT_TRUE(log.has("other.gpx")) << log.text();
+}
+
+/// A film of 40 s was made from second 60 of a track that goes at seconds 30 to 50, 70 to 80, 90 to 95 and 105 to 110.
+TEST(FilmTracks, AreJoinedAtTheStartOrTheEndByTheMotionOfTheFilm) {
+  if (std::system("ffmpeg -version >/dev/null 2>&1") != 0) GTEST_SKIP() << "skipped: no ffmpeg";
+  const Folder folder;
+  const auto moved = [](double second) {  // seconds of going, up to then
+    double sum = 0;
+    for (const auto& [from, to] : {std::pair{30, 50}, {70, 80}, {90, 95}, {105, 110}})
+      sum += std::clamp(second, double(from), double(to)) - from;
+    return sum;
+  };
+  const auto clock = [](int second) {
+    return "2026-06-01T12:0" + std::to_string(second / 60) + ":" + std::to_string(100 + second % 60).substr(1) + "Z";
+  };
+  const auto track = [&](int last) {
+    std::string points;
+    for (int second = 0; second <= last; ++second)
+      points += "<trkpt lat='" + std::to_string(48 + 1e-4 * moved(second)) + "' lon='0'><time>" + clock(second) +
+                "</time></trkpt>";
+    make_file(folder / "walk.gpx", "<gpx><trk><trkseg>" + points + "</trkseg></trk></gpx>");
+  };
+  const auto film = [&](bool steady) {
+    cv::VideoWriter writer(folder / "made.avi", cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 10,
+                           cv::Size(64, 48));
+    for (int i = 0; i < 400; ++i)
+      writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(int(80 * (steady ? i / 10. : moved(60 + i / 10.))) % 200)));
+    return writer.isOpened();
+  };
+  const auto load = [&](int creation, double offset = 0) {
+    const std::string command = "ffmpeg -nostdin -v fatal -y -i " + (folder / "made.avi") +
+                                " -c copy -metadata creation_time=" + clock(creation) + " " + (folder / "walk.mp4");
+    EXPECT_EQ(std::system(command.c_str()), 0);
+    return make_dataset("plain", folder.path(), {{"clock-offset", offset}})->load("walk");
+  };
+  constexpr double kGone = 48.0025;  // at second 15 of the film, after 20 s and 5 s of going
+  track(150);
+  ASSERT_TRUE(film(false));
+  {
+    const Log log;
+    EXPECT_NEAR(load(60).latitude[150], kGone, 2e-5);
+    EXPECT_EQ(log.lines(), 0) << "its start, as is usual: " << log.text();
+  }
+  {
+    const Log log;
+    EXPECT_NEAR(load(100).latitude[150], kGone, 2e-5);
+    EXPECT_TRUE(log.has("walk: creation_time is taken as its end: its motion fits")) << log.text();
+  }
+  {
+    const Log log;
+    EXPECT_NEAR(load(100, 0.001).latitude[150], 48.004, 2e-5) << "second 115: the word given holds";
+    EXPECT_EQ(log.lines(), 0) << log.text();
+  }
+  for (const int last : {99, 102}) {  // it ends about creation_time, but covers the film
+    track(last);
+    const Log log;
+    EXPECT_NEAR(load(100).latitude[150], kGone, 2e-5);
+    EXPECT_TRUE(log.has("creation_time is taken as its end, as the track ends")) << log.text();
+  }
+  track(150);
+  ASSERT_TRUE(film(true));
+  const Log log;
+  EXPECT_NEAR(load(60).latitude[150], kGone, 2e-5);
+  EXPECT_TRUE(log.has("if it is, give --plain-clock-offset -40, else .001")) << log.text();
 }
 
 TEST(FilmTracks, SubtitlesOfADrone) {
