@@ -51,11 +51,11 @@ class Panoramas : public Images {
   Panoramas(std::shared_ptr<const LevelDb> database, std::vector<std::string> ids)
       : database_(std::move(database)), ids_(std::move(ids)) {
     for (const std::string& id : ids_) {
-      Entry& entry = entries_[id];
+      const auto [entry, added] = entries_.try_emplace(id);
       try {
-        if (entry.size == 0) read(id, entry);
+        if (added) entry->second.fingerprint = sha_of(read(id));
       } catch (const Error& error) {
-        entry.fault = error.what();
+        entry->second.fault = error.what();
       }
     }
     std::string().swap(panorama_);
@@ -65,34 +65,31 @@ class Panoramas : public Images {
   std::uint64_t fingerprint(int frame) const override { return entries_.at(at(frame)).fingerprint; }
   std::string fault(int frame) const override { return entries_.at(at(frame)).fault; }
   void read(int frame, Bytes& bytes) override {
-    Entry now;
-    const std::string_view picture = read(at(frame), now);
-    if (now.fingerprint != fingerprint(frame))
-      throw Error("has changed since this traversal was opened", where(at(frame)), "restart what reads it");
+    const std::string_view picture = read(at(frame));
     const auto* const first = reinterpret_cast<const std::byte*>(picture.data());
     bytes.assign(first, first + picture.size());
   }
 
  private:
   struct Entry {
-    std::size_t size = 0;
     std::uint64_t fingerprint = 0;
     std::string fault;
   };
   const std::string& at(int frame) const { return ids_.at(static_cast<std::size_t>(frame)); }
-  std::string where(const std::string& id) const { return below(database_->folder(), id); }
-  std::string_view read(const std::string& id, Entry& entry) {
-    if (!database_->read(id, panorama_)) throw Error("has no panorama of this key", where(id), "copy the folder again");
-    const std::string_view picture = picture_of_panorama(panorama_, where(id));
-    entry.size = picture.size();
-    if (picture.size() > kMaxImageBytes)
-      throw Error("has a picture larger than " + std::to_string(kMaxImageBytes >> 20) + " MiB", where(id));
+  static std::uint64_t sha_of(std::string_view picture) {
     Sha256 sha;
     sha.add(picture.data(), picture.size());
-    entry.fingerprint = sha.first_8_bytes();
+    return sha.first_8_bytes();
+  }
+  /// Returns the panorama's picture, which lies in panorama_.
+  std::string_view read(const std::string& id) {
+    const std::string where = below(database_->folder(), id);
+    if (!database_->read(id, panorama_)) throw Error("has no panorama of this key", where, "copy the folder again");
+    const std::string_view picture = picture_of_panorama(panorama_, where);
+    if (picture.size() > kMaxImageBytes) throw Error("has a picture larger than 64 MiB", where);
     const std::span<const char> chars(picture);
     if (const auto fault = image_fault(std::as_bytes(chars)))
-      throw Error("has a picture with a fault: " + *fault, where(id));
+      throw Error("has a picture with a fault: " + *fault, where);
     return picture;
   }
   std::shared_ptr<const LevelDb> database_;

@@ -19,24 +19,10 @@ class ProtobufReader {
     if (rest_.empty() || damaged_) return false;
     const std::uint64_t tag = varint();
     field_ = static_cast<int>(tag >> 3 & 0x1FFFFFFF);
-    text_ = {};
-    switch (tag & 7) {
-      case 0:
-        varint();
-        break;
-      case 1:
-        text_ = take(8);
-        break;
-      case 2:
-        text_ = take(varint());
-        break;
-      case 5:
-        text_ = take(4);
-        break;
-      default:
-        damaged_ = true;  // groups, which are of old, and what does not exist
-    }
-    damaged_ = damaged_ || field_ == 0;
+    const std::uint64_t type = tag & 7;
+    if (type == 0) varint();
+    text_ = type == 1 ? take(8) : type == 2 ? take(varint()) : type == 5 ? take(4) : std::string_view();
+    damaged_ = damaged_ || field_ == 0 || type == 3 || type == 4 || type > 5;  // groups are of old, and not read
     return !damaged_;
   }
   int field() const { return field_; }

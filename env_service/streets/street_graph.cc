@@ -30,31 +30,24 @@ void require_whole(const ProtobufReader& reader, const std::string& where) {
     throw Error("is not the message of StreetLearn, or one that was cut short", where, "copy it again");
 }
 
-/// Field numbers of streetlearn.proto, by message.
-namespace graph_field {
-enum { kConnection = 3, kPano = 5 };
-}
-namespace connection_field {
-enum { kId = 1, kNeighbor = 3 };
-}
-namespace pano_field {
-enum { kId = 1, kCoords = 9, kHeading = 13, kImage = 16 };
-}
-namespace coords_field {
-enum { kLatitude = 1, kLongitude = 2 };
-}
+/// Field numbers of streetlearn.proto.
+namespace field {
+enum Graph { kConnection = 3, kPano = 5 };
+enum Part { kId = 1, kNeighbor = 3, kCoords = 9, kHeading = 13, kImage = 16 };  // of Pano and PanoConnection
+enum Coords { kLatitude = 1, kLongitude = 2 };
+}  // namespace field
 
 StreetPlace place_of(std::string_view pano, const std::string& where) {
   StreetPlace place{"", 0, kNaN, kNaN};
   ProtobufReader fields(pano);
   while (fields.next()) {
-    if (fields.field() == pano_field::kId) place.id = fields.text();
-    if (fields.field() == pano_field::kHeading) place.yaw = fields.number();
-    if (fields.field() != pano_field::kCoords) continue;
+    if (fields.field() == field::kId) place.id = fields.text();
+    if (fields.field() == field::kHeading) place.yaw = fields.number();
+    if (fields.field() != field::kCoords) continue;
     ProtobufReader coords(fields.text());
     while (coords.next()) {
-      if (coords.field() == coords_field::kLatitude) place.latitude = coords.number();
-      if (coords.field() == coords_field::kLongitude) place.longitude = coords.number();
+      if (coords.field() == field::kLatitude) place.latitude = coords.number();
+      if (coords.field() == field::kLongitude) place.longitude = coords.number();
     }
     require_whole(coords, where);
   }
@@ -130,11 +123,11 @@ StreetGraph StreetGraph::from_leveldb(const LevelDb& database) {
     if (!fault.empty()) throw Error(fault, where);
   };
   // Links refer to places, which may stand behind them: two passes.
-  for (const int wanted : {graph_field::kPano, graph_field::kConnection}) {
+  for (const int wanted : {field::kPano, field::kConnection}) {
     ProtobufReader fields(message);
     while (fields.next()) {
       if (fields.field() != wanted) continue;
-      if (wanted == graph_field::kPano) {
+      if (wanted == field::kPano) {
         check(graph.add(place_of(fields.text(), where)));
         continue;
       }
@@ -142,8 +135,8 @@ StreetGraph StreetGraph::from_leveldb(const LevelDb& database) {
       std::vector<std::string_view> neighbors;
       ProtobufReader connection(fields.text());
       while (connection.next()) {
-        if (connection.field() == connection_field::kId) id = connection.text();
-        if (connection.field() == connection_field::kNeighbor) neighbors.push_back(connection.text());
+        if (connection.field() == field::kId) id = connection.text();
+        if (connection.field() == field::kNeighbor) neighbors.push_back(connection.text());
         if (neighbors.size() > kMaxLinksOfPlace) check("more than 255 links at " + printable(id));
       }
       require_whole(connection, where);
@@ -221,7 +214,7 @@ std::string_view picture_of_panorama(std::string_view panorama, const std::strin
   std::string_view picture;
   ProtobufReader fields(panorama);
   while (fields.next())
-    if (fields.field() == pano_field::kImage) picture = fields.text();
+    if (fields.field() == field::kImage) picture = fields.text();
   require_whole(fields, where);
   if (picture.empty()) throw Error("has no picture", where);
   if (!picture.starts_with("\xFF\xD8\xFF")) throw Error("has a picture that is not a JPEG", where);
