@@ -21,7 +21,7 @@ constexpr Foreign kForeign[] = {
      "its films are below videos/: copy one as DIR/NAME.mp4, or cut an episode out of it by the times in meta/episodes "
      "(ffmpeg -ss FROM -to END)"},
     {".bag", "is a bag of ROS 1, which is not read", "convert it: rosbags-convert --src FILE.bag --dst FOLDER"},
-    {".ldb", "is a LevelDB, which is not read", "export StreetLearn as nodes.txt, links.txt and panos/"},
+    {".ldb", "is a LevelDB, but not a sound one of StreetLearn", "--dataset streetlearn says why"},
     {".pbf", "is a street map, not a recording", "--data names a folder of recordings"},
     {".osm", "is a street map, not a recording", "--data names a folder of recordings"},
 };

@@ -1,34 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <limits>
-#include <map>
-#include <queue>
+#include <span>
+#include <unordered_map>
 
+#include "core/files/image_header.h"
+#include "core/util/sha256.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
-#include "env_service/geometry/geometry.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/images/panorama.h"
+#include "env_service/streets/street_graph.h"
 
 namespace citylearn {
 namespace {
-
-struct Link {
-  int to = 0;
-  double bearing = 0, metres = 0;  // degrees clockwise from north
-};
-struct StreetNode {
-  std::string id;
-  double yaw = 0, latitude = 0, longitude = 0;  // yaw: heading of the panorama's middle column
-  std::vector<Link> links;
-};
-struct Step {
-  int node = 0;
-  double heading = 0;
-};
 
 /// Crops of panoramas, each at its own heading.
 class Views : public DerivedImages {
@@ -59,22 +45,76 @@ class Views : public DerivedImages {
   Bytes panorama_;
 };
 
+/// Panoramas of StreetLearn as it is published. Each is looked at once, and read again when it is wanted.
+class Panoramas : public Images {
+ public:
+  Panoramas(std::shared_ptr<const LevelDb> database, std::vector<std::string> ids)
+      : database_(std::move(database)), ids_(std::move(ids)) {
+    for (const std::string& id : ids_) {
+      const auto [entry, added] = entries_.try_emplace(id);
+      try {
+        if (added) entry->second.fingerprint = sha_of(read(id));
+      } catch (const Error& error) {
+        entry->second.fault = error.what();
+      }
+    }
+    std::string().swap(panorama_);
+  }
+  int frames() const override { return static_cast<int>(ids_.size()); }
+  std::string name(int frame) const override { return "panorama " + at(frame); }
+  std::uint64_t fingerprint(int frame) const override { return entries_.at(at(frame)).fingerprint; }
+  std::string fault(int frame) const override { return entries_.at(at(frame)).fault; }
+  void read(int frame, Bytes& bytes) override {
+    const std::string_view picture = read(at(frame));
+    const auto* const first = reinterpret_cast<const std::byte*>(picture.data());
+    bytes.assign(first, first + picture.size());
+  }
+
+ private:
+  struct Entry {
+    std::uint64_t fingerprint = 0;
+    std::string fault;
+  };
+  const std::string& at(int frame) const { return ids_.at(static_cast<std::size_t>(frame)); }
+  static std::uint64_t sha_of(std::string_view picture) {
+    Sha256 sha;
+    sha.add(picture.data(), picture.size());
+    return sha.first_8_bytes();
+  }
+  /// Returns the panorama's picture, which lies in panorama_.
+  std::string_view read(const std::string& id) {
+    const std::string where = below(database_->folder(), id);
+    if (!database_->read(id, panorama_)) throw Error("has no panorama of this key", where, "copy the folder again");
+    const std::string_view picture = picture_of_panorama(panorama_, where);
+    if (picture.size() > kMaxImageBytes) throw Error("has a picture larger than 64 MiB", where);
+    const std::span<const char> chars(picture);
+    if (const auto fault = image_fault(std::as_bytes(chars)))
+      throw Error("has a picture with a fault: " + *fault, where);
+    return picture;
+  }
+  std::shared_ptr<const LevelDb> database_;
+  std::vector<std::string> ids_;
+  std::unordered_map<std::string, Entry> entries_;
+  std::string panorama_;  // a buffer
+};
+
 /// StreetLearn (Mirowski et al., NeurIPS 2018 and arXiv:1903.01292): panoramas of Manhattan and Pittsburgh, a graph.
-/// Published as LevelDB files of protocol buffers; read here is the same exported as files, with the graph in the text
-/// form that was published with Touchdown (Chen et al., CVPR 2019):
+/// Read as it is published, a LevelDB of protocol buffers (streetlearn.proto): key "panos_connectivity" is the graph,
+/// every other key is a panorama's id, with its JPEG. Roll and pitch are not applied. Also read is the same exported as
+/// files, with the graph in the text form that was published with Touchdown (Chen et al., CVPR 2019):
 ///   nodes.txt (or graph/nodes.txt): rows "panorama id,yaw,latitude,longitude", yaw in whole degrees
 ///   links.txt: rows "id,bearing,id": from the first one sees the second at that heading
 ///   panos/<id>.jpg (or .png): equirectangular, 2:1
-///   routes.txt (optional, ours): rows "name,id,id,...": routes by way of these panoramas
+/// Beside either may lie
+///   routes.txt (ours): rows "name,id,id,...": routes by way of these panoramas
 /// A traversal is a route, by shortest paths (metres) from each id to the next; without routes.txt they are found:
-/// "route-1" between two nodes far apart, then routes from nodes spread over the file to those farthest from them. Each
-/// frame looks towards the next panorama; the last one, where the one before it looked. The view is a perspective crop
-/// of 90 degrees, as in StreetLearn.
-/// Unsure: which column of a panorama `yaw` is the heading of (taken to be the middle one, as Street View has it).
+/// "route-1" between two places far apart, then routes from places spread over the map to those farthest from them.
+/// Each frame looks towards the next panorama; the last one, where the one before it looked. The view is a perspective
+/// crop of 90 degrees, as in StreetLearn. The middle column of a panorama looks where `yaw`, or heading_deg, says.
 class StreetLearn : public FolderDataset {
  public:
   StreetLearn(const std::string& folder, const Parameters& parameters)
-      : FolderDataset("streetlearn", folder, "nodes.txt, links.txt and panos"),
+      : FolderDataset("streetlearn", folder, "a LevelDB, or nodes.txt, links.txt and panos"),
         view_{0, parameters["fov"], parameters.integer("size")},
         wanted_(parameters.integer("routes")) {}
 
@@ -91,64 +131,49 @@ class StreetLearn : public FolderDataset {
  private:
   Traversal read(const std::string& name) override {
     const auto found = std::find_if(routes_.begin(), routes_.end(), [&](auto& route) { return route.first == name; });
-    std::vector<std::string> paths;
+    std::vector<std::string> ids;
     std::vector<double> headings, latitude, longitude;
-    for (const Step& step : walk(name, found->second)) {
-      const StreetNode& node = nodes_[static_cast<std::size_t>(step.node)];
-      const std::string file = first_file(folder_, {"panos/" + node.id + ".jpg", "panos/" + node.id + ".png"});
-      paths.push_back(file.empty() ? below(folder_, "panos/" + node.id + ".jpg") : file);
-      headings.push_back(step.heading - node.yaw);
-      latitude.push_back(node.latitude);
-      longitude.push_back(node.longitude);
+    for (const StreetStep& step : graph_.walk(found->second, below(folder_, "route " + name))) {
+      const StreetPlace& place = graph_.places()[static_cast<std::size_t>(step.place)];
+      ids.push_back(place.id);
+      headings.push_back(step.heading - place.yaw);
+      latitude.push_back(place.latitude);
+      longitude.push_back(place.longitude);
     }
     Traversal traversal =
-        pictured(name, cached(std::make_shared<Views>(image_files(paths, folder_), headings, view_)), folder_);
+        pictured(name, cached(std::make_shared<Views>(panoramas(std::move(ids)), std::move(headings), view_)), folder_);
     locate(traversal, latitude, longitude);
     return traversal;
   }
 
+  std::shared_ptr<Images> panoramas(std::vector<std::string> ids) const {
+    if (database_) return std::make_shared<Panoramas>(database_, std::move(ids));
+    for (std::string& id : ids) {
+      const std::string jpeg = "panos/" + id + ".jpg", file = first_file(folder_, {jpeg, "panos/" + id + ".png"});
+      id = file.empty() ? below(folder_, jpeg) : file;
+    }
+    return image_files(std::move(ids), folder_);
+  }
+
   void read_graph() {
     if (read_) return;
-    const std::string nodes = first_file(folder_, {"nodes.txt", "graph/nodes.txt"});
-    const std::string links = first_file(folder_, {"links.txt", "graph/links.txt"});
-    if (nodes.empty() || links.empty()) not_recognised("nodes.txt and links.txt in it");
-    if (!is_folder(below(folder_, "panos"))) not_recognised("panos/ in it");
-    nodes_.clear();
-    index_.clear();
     routes_.clear();
-    const TextTable node_table(nodes, {',', false});
-    for (int row = 0; row < node_table.rows(); ++row) {
-      if (node_table.columns(row) != 4) node_table.fail(row, "not a panorama's id, yaw, latitude and longitude");
-      const StreetNode node{std::string(node_table.text(row, 0)),
-                            node_table.number(row, 1),
-                            node_table.number(row, 2),
-                            node_table.number(row, 3),
-                            {}};
-      if (!index_.emplace(node.id, static_cast<int>(nodes_.size())).second)
-        node_table.fail(row, "a second row for this id");
-      nodes_.push_back(node);
-    }
-    const TextTable link_table(links, {',', false});
-    for (int row = 0; row < link_table.rows(); ++row) {
-      if (link_table.columns(row) != 3) link_table.fail(row, "not an id, a bearing and an id");
-      StreetNode& from = nodes_[static_cast<std::size_t>(known(link_table, row, 0))];
-      const int to = known(link_table, row, 2);
-      const StreetNode& end = nodes_[static_cast<std::size_t>(to)];
-      from.links.push_back(
-          {to, link_table.number(row, 1), metres_between(from.latitude, from.longitude, end.latitude, end.longitude)});
+    if (is_file(below(folder_, "CURRENT"))) {
+      database_ = std::make_shared<LevelDb>(folder_);
+      graph_ = StreetGraph::from_leveldb(*database_);
+    } else {
+      const std::string nodes = first_file(folder_, {"nodes.txt", "graph/nodes.txt"});
+      const std::string links = first_file(folder_, {"links.txt", "graph/links.txt"});
+      if (nodes.empty() || links.empty()) not_recognised("nodes.txt and links.txt in it");
+      if (!is_folder(below(folder_, "panos"))) not_recognised("panos/ in it");
+      graph_ = StreetGraph::from_files(nodes, links);
     }
     if (const std::string path = below(folder_, "routes.txt"); is_file(path))
       read_routes(path);
     else
       find_routes();
-    if (routes_.empty()) throw Error("links no two panoramas", links);
+    if (routes_.empty()) throw Error("has no route", folder_, "write routes.txt: rows of a name and two or more ids");
     read_ = true;
-  }
-
-  int known(const TextTable& table, int row, int column) const {
-    const auto found = index_.find(std::string(table.text(row, column)));
-    if (found == index_.end()) table.fail(row, "id " + std::string(table.text(row, column)) + " is not in nodes.txt");
-    return found->second;
   }
 
   void read_routes(const std::string& path) {
@@ -159,17 +184,21 @@ class StreetLearn : public FolderDataset {
       if (std::any_of(routes_.begin(), routes_.end(), [&](auto& route) { return route.first == name; }))
         table.fail(row, "a second route " + name);
       std::vector<int> stops;
-      for (int column = 1; column < table.columns(row); ++column) stops.push_back(known(table, row, column));
+      for (int column = 1; column < table.columns(row); ++column) {
+        const std::string id(table.text(row, column));
+        stops.push_back(graph_.find(id));
+        if (stops.back() < 0) table.fail(row, "id " + printable(id) + " is not a panorama of the map");
+      }
       routes_.emplace_back(name, stops);
     }
   }
 
   void find_routes() {
-    const auto count = static_cast<int>(nodes_.size());
+    const auto count = static_cast<int>(graph_.places().size());
     for (int route = 0; route < wanted_ && count > 1; ++route) {
       int start = static_cast<int>(static_cast<long>(route) * count / wanted_);
-      if (route == 0) start = farthest(start);
-      const int end = farthest(start);
+      if (route == 0) start = graph_.farthest(start);
+      const int end = graph_.farthest(start);
       if (end == start) continue;
       const std::vector<int> stops{start, end};
       if (std::none_of(routes_.begin(), routes_.end(), [&](auto& other) { return other.second == stops; }))
@@ -177,72 +206,17 @@ class StreetLearn : public FolderDataset {
     }
   }
 
-  struct Tree {
-    std::vector<double> metres;
-    std::vector<Step> before;  // the node before and the heading from there
-  };
-  /// Returns the shortest paths from `start` (Dijkstra).
-  Tree shortest(int start) const {
-    Tree tree{std::vector<double>(nodes_.size(), std::numeric_limits<double>::infinity()),
-              std::vector<Step>(nodes_.size(), Step{-1, 0})};
-    std::priority_queue<std::pair<double, int>, std::vector<std::pair<double, int>>, std::greater<>> open;
-    tree.metres[static_cast<std::size_t>(start)] = 0;
-    open.emplace(0, start);
-    while (!open.empty()) {
-      const auto [metres, node] = open.top();
-      open.pop();
-      if (metres > tree.metres[static_cast<std::size_t>(node)]) continue;
-      for (const Link& link : nodes_[static_cast<std::size_t>(node)].links) {
-        double& best = tree.metres[static_cast<std::size_t>(link.to)];
-        if (metres + link.metres >= best) continue;
-        best = metres + link.metres;
-        tree.before[static_cast<std::size_t>(link.to)] = {node, link.bearing};
-        open.emplace(best, link.to);
-      }
-    }
-    return tree;
-  }
-
-  int farthest(int start) const {
-    const Tree tree = shortest(start);
-    int best = start;
-    for (std::size_t node = 0; node < nodes_.size(); ++node)
-      if (std::isfinite(tree.metres[node]) && tree.metres[node] > tree.metres[static_cast<std::size_t>(best)])
-        best = static_cast<int>(node);
-    return best;
-  }
-
-  std::vector<Step> walk(const std::string& name, const std::vector<int>& stops) const {
-    std::vector<Step> steps;
-    for (std::size_t leg = 0; leg + 1 < stops.size(); ++leg) {
-      const Tree tree = shortest(stops[leg]);
-      std::vector<Step> back;
-      for (int at = stops[leg + 1]; at != stops[leg];) {
-        const Step step = tree.before[static_cast<std::size_t>(at)];
-        if (step.node < 0)
-          throw Error("route " + name + ": no way from " + nodes_[static_cast<std::size_t>(stops[leg])].id + " to " +
-                          nodes_[static_cast<std::size_t>(stops[leg + 1])].id,
-                      folder_);
-        back.push_back(step);
-        at = step.node;
-      }
-      steps.insert(steps.end(), back.rbegin(), back.rend());
-    }
-    if (!steps.empty()) steps.push_back({stops.back(), steps.back().heading});
-    return steps;
-  }
-
   View view_;
   int wanted_;
   bool read_ = false;
-  std::vector<StreetNode> nodes_;
-  std::map<std::string, int> index_;  // of nodes_, by id
+  std::shared_ptr<const LevelDb> database_;  // none: read from files
+  StreetGraph graph_;
   std::vector<std::pair<std::string, std::vector<int>>> routes_;
 };
 
 const DatasetRegistry::Registration streetlearn_registration({
     "streetlearn",
-    "StreetLearn: routes through a graph of street panoramas, exported as files",
+    "StreetLearn: routes through a graph of street panoramas, a LevelDB or files",
     {{"fov", "field of view of the crop, degrees", 90, 30, 120},
      {"size", "width and height of the crop, pixels", 224, 84, 512, true},
      {"routes", "number of routes to find when there is no routes.txt", 4, 1, 64, true}},

@@ -76,6 +76,13 @@ double metres_between(double latitude_a, double longitude_a, double latitude_b, 
   return 2 * kEarthRadius * std::asin(std::min(1.0, std::sqrt(h)));
 }
 
+double heading_between(double latitude_a, double longitude_a, double latitude_b, double longitude_b) {
+  // cos a sin b - sin a cos b cos(east), without the cancellation that near points have in it.
+  const double a = latitude_a * kDegree, b = latitude_b * kDegree, east = (longitude_b - longitude_a) * kDegree;
+  const double bend = 2 * std::pow(std::sin(east / 2), 2);
+  return std::atan2(std::sin(east) * std::cos(b), std::sin(b - a) + std::sin(a) * std::cos(b) * bend) / kDegree;
+}
+
 std::vector<float> metres_along(const std::vector<double>& latitude, const std::vector<double>& longitude) {
   return summed(latitude, longitude, 5, [&](std::size_t i, std::size_t j) {
     return metres_between(latitude[i], longitude[i], latitude[j], longitude[j]);

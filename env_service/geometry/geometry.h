@@ -15,6 +15,8 @@ std::vector<float> metres_along_plane(const std::vector<double>& x, const std::v
                                       const std::vector<double>& z = {});
 /// Metres between two points of the earth.
 double metres_between(double latitude_a, double longitude_a, double latitude_b, double longitude_b);
+/// Degrees clockwise from north, -180..180, in which a great circle leaves a for b; they must not be one place.
+double heading_between(double latitude_a, double longitude_a, double latitude_b, double longitude_b);
 
 /// A place on the earth, degrees (WGS 84).
 struct LatLon {

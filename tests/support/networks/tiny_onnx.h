@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "encoder_service/encoding/encoder.h"
+#include "tests/support/data/proto.h"
 
 namespace citylearn::testing {
 
@@ -16,36 +17,6 @@ inline EncoderFiles network(const std::string& model, const std::string& layer =
                             const std::string& head = "") {
   return {model, layer, preset, head};
 }
-
-/// Writes small ONNX models (protobuf wire format, field numbers of onnx.proto3) for tests.
-class Proto {
- public:
-  Proto& number(std::uint32_t field, std::int64_t value) {
-    varint(field << 3);
-    varint(static_cast<std::uint64_t>(value));
-    return *this;
-  }
-  Proto& text(std::uint32_t field, const std::string& value) {
-    varint(field << 3 | 2);
-    varint(value.size());
-    bytes_ += value;
-    return *this;
-  }
-  Proto& real(std::uint32_t field, float value) {
-    varint(field << 3 | 5);
-    bytes_.append(reinterpret_cast<const char*>(&value), sizeof value);
-    return *this;
-  }
-  Proto& message(std::uint32_t field, const Proto& value) { return text(field, value.bytes_); }
-  const std::string& bytes() const { return bytes_; }
-
- private:
-  void varint(std::uint64_t value) {
-    for (; value > 0x7F; value >>= 7) bytes_ += static_cast<char>(value | 0x80);
-    bytes_ += static_cast<char>(value);
-  }
-  std::string bytes_;
-};
 
 /// A graph with nodes one after the other: each reads the output of the one before.
 class TinyOnnx {

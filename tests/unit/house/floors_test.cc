@@ -25,8 +25,9 @@ const std::vector<std::string> kProduct = {"core",      "env_service", "encoder_
 const std::vector<std::vector<std::string>> kOrders = {
     {"core/util", "core/files", "core/task", "core/dds", "core/command_line", "core/plugin", "core/exchange",
      "core/metrics", "core/wire", "core/ros2", "core/recording"},
-    {"env_service/files", "env_service/images", "env_service/geometry", "env_service/ros2", "env_service/matching",
-     "env_service/dataset_io", "env_service/drawn_city", "env_service/datasets", "env_service/live", "env_service"},
+    {"env_service/files", "env_service/images", "env_service/geometry", "env_service/streets", "env_service/ros2",
+     "env_service/matching", "env_service/dataset_io", "env_service/drawn_city", "env_service/datasets",
+     "env_service/live", "env_service"},
     {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/pipeline",
      "encoder_service"},
     {"policy_service/network", "policy_service/network/autodiff", "policy_service/network/agents",

@@ -139,6 +139,15 @@ TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
   EXPECT_TRUE(holds(error_of([&] { dataset()->load("back"); }), "no way from b to a"));
   make_file(folder_ / "nodes.txt", "a,180,0.0,0.000\na,180,0.0,0.001\n");
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "nodes.txt:2"));
+  make_file(folder_ / "nodes.txt", "a,180,0.0,0.000\nb,180,0.0,0.001\n");
+  make_file(folder_ / "links.txt", "a,90,b\nb,270,b\n");
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links.txt:2: b is linked with itself"));
+  make_file(folder_ / "links.txt", "a,nan,b\n");
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links.txt:1"));
+  make_file(folder_ / "links.txt", "");
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links no two panoramas"));
+  make_file(folder_ / "nodes.txt", "a,180,0.0,0.000\nb,180,91,0.001\n");
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "nodes.txt:2: the coordinates of b"));
   fs::remove_all(folder_ / "panos");
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "panos"));
   fs::remove(folder_ / "links.txt");

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include "env_service/streets/leveldb.h"
+
+namespace citylearn {
+
+inline constexpr std::size_t kMaxStreetPlaces = 1'048'576, kMaxStreetLinks = 1'048'576;
+inline constexpr std::size_t kMaxLinksOfPlace = 255;
+
+/// A directed link between two places.
+struct StreetLink {
+  int to = 0;
+  double heading = 0, metres = 0;  ///< degrees clockwise from north, 0 <= heading < 360; metres of the straight line
+};
+struct StreetPlace {
+  std::string id;
+  double yaw = 0, latitude = 0, longitude = 0;  ///< yaw: degrees clockwise from north of the panorama's middle column
+  std::vector<StreetLink> links = {};
+};
+/// A place on a walk, and the heading of the link that leaves it.
+struct StreetStep {
+  int place = 0;
+  double heading = 0;
+};
+
+/// Places and the directed links between them, as a map of streets has them.
+class StreetGraph {
+ public:
+  /// Reads nodes.txt and links.txt. Throws Error naming file and line where the map is wrong.
+  static StreetGraph from_files(const std::string& nodes, const std::string& links);
+  /// Reads the map of StreetLearn as it is published. A link's heading is that from position to position; where both
+  /// are at one spot (1 cm) it is the yaw of the place that the link leaves, as a direction does not exist there.
+  /// Throws Error naming the folder and what is wrong.
+  static StreetGraph from_leveldb(const LevelDb& database);
+
+  const std::vector<StreetPlace>& places() const { return places_; }
+  /// Returns the index of the place of this id, -1 when there is none.
+  int find(const std::string& id) const;
+  /// Returns the place farthest from `start` of those that can be reached, by way of links.
+  int farthest(int start) const;
+  /// Returns the shortest walk by way of these places, in metres from each to the next; the last step looks on as the
+  /// one before. Throws Error naming `where` when there is no way.
+  std::vector<StreetStep> walk(const std::vector<int>& stops, const std::string& where) const;
+
+ private:
+  struct Tree {
+    std::vector<double> metres;
+    std::vector<StreetStep> before;  ///< the place before and the heading from there
+  };
+  Tree shortest(int start) const;
+  /// These return what is wrong, and add nothing then; an empty text when nothing is.
+  std::string add(StreetPlace place);
+  std::string add_link(int from, int to, const double* heading);
+
+  std::vector<StreetPlace> places_;
+  std::unordered_map<std::string, int> index_;  // of places_, by id
+  std::size_t links_ = 0;
+};
+
+/// Returns the picture within a panorama of StreetLearn as it is published, part of `panorama`. Throws Error naming
+/// `where` when the panorama is damaged or has none, or when it is not a JPEG.
+std::string_view picture_of_panorama(std::string_view panorama, const std::string& where);
+
+}  // namespace citylearn
