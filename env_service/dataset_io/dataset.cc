@@ -15,17 +15,22 @@ namespace {
 /// Files of which a folder that no dataset reads may consist, and what to do with it.
 struct Foreign {
   const char *ending, *what, *remedy;
+  const char* dataset = nullptr;  // that reads sound ones and says what is wrong with others
 };
 constexpr Foreign kForeign[] = {
     {"meta/info.json", "is a dataset of LeRobot, which is not read",
      "its films are below videos/: copy one as DIR/NAME.mp4, or cut an episode out of it by the times in meta/episodes "
      "(ffmpeg -ss FROM -to END)"},
     {".bag", "is a bag of ROS 1, which is not read", "convert it: rosbags-convert --src FILE.bag --dst FOLDER"},
-    {".ldb", "is a LevelDB, but not a sound one of StreetLearn", "--dataset streetlearn says why"},
+    {".ldb", "is a LevelDB, but not one of StreetLearn", "--data names a folder of recordings", "streetlearn"},
     {".pbf", "is a street map, not a recording", "--data names a folder of recordings"},
     {".osm", "is a street map, not a recording", "--data names a folder of recordings"},
 };
 constexpr long kMaxVisited = 100'000;  // files
+
+std::unique_ptr<Dataset> opened(const DatasetRegistry::Entry& entry, const std::string& folder) {
+  return entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder);
+}
 
 /// Returns the Error for a folder in which there are no traversals. It names what is there.
 Error no_traversals(const std::string& folder) {
@@ -38,8 +43,15 @@ Error no_traversals(const std::string& folder) {
        !error && at != end && ++visited < kMaxVisited; at.increment(error)) {
     const std::string path = lower(path_below(at->path().string(), folder));
     if (at->is_directory(error)) continue;
-    for (const auto& [ending, what, remedy] : kForeign)
-      if (path.ends_with(ending)) return Error(std::string("no traversals found: it ") + what, folder, remedy);
+    for (const auto& [ending, what, remedy, dataset] : kForeign) {
+      if (!path.ends_with(ending)) continue;
+      try {
+        if (dataset) opened(DatasetRegistry::instance().find("dataset", dataset), folder)->names();
+      } catch (const Error& fault) {
+        return fault;
+      }
+      return Error(std::string("no traversals found: it ") + what, folder, remedy);
+    }
     const std::string suffix = lower(at->path().extension().string());
     ++kinds[suffix.empty() ? "without a suffix" : suffix];
     for (const auto* suffixes : {&image_suffixes(), &video_suffixes()})
@@ -60,7 +72,7 @@ enum class Fit { kNone, kPossible, kDistinctive };
 
 Fit fit_of(const DatasetRegistry::Entry& entry, const std::string& folder) {
   try {
-    const auto dataset = entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder);
+    const auto dataset = opened(entry, folder);
     return dataset->names().empty() ? Fit::kNone : dataset->distinctive() ? Fit::kDistinctive : Fit::kPossible;
   } catch (const Error&) {
     // What "plain" says of a folder, as of one name twice, goes before what others take of it.

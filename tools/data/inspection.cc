@@ -9,6 +9,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <regex>
 #include <set>
 #include <sstream>
 #include <unordered_set>
@@ -50,6 +51,9 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
   static const std::set<std::string> passed_over{".csv", ".json", ".xml", ".yaml", ".yml", ".toml", ".ini",
                                                  ".db",  ".xmp",  ".aae", ".thm",  ".log", ".md",   ".lrv"},
       texts{"files without a suffix", ".txt files", ".tsv files", ".pdf files", ".html files", ".srt files"};
+  // All files of a database belong to it.
+  static const std::regex leveldb(R"(CURRENT|LOCK|LOG(\.old)?|MANIFEST-\d+|\d+\.(ldb|sst|log))");
+  const bool database = is_file(below(folder, "CURRENT"));
   std::map<std::string, std::set<std::string>> kinds;  // paths by kind
   std::error_code error;
   for (fs::recursive_directory_iterator at(folder, fs::directory_options::skip_permission_denied, error), end;
@@ -63,7 +67,7 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
     if (hidden && is_folder) at.disable_recursion_pending();
     if (hidden || (is_folder ? !fs::is_empty(at->path(), ignored) : passed_over.contains(suffix)) ||
         failed.contains(path.substr(0, path.find('/'))) || taken.contains(path) || taken.contains(stem) ||
-        taken.contains(stem + suffix))
+        taken.contains(stem + suffix) || (database && std::regex_match(path, leveldb)))
       continue;
     const std::string unnamed =
         path.find('/') == path.npos ? "files without a suffix" : "files in folders without a suffix";

@@ -76,6 +76,16 @@ TEST(Inspection, ListsWhatIsNotTaken) {
   EXPECT_EQ(nlohmann::json::parse(to_json("plain", inspected()))["left_out"].size(), 1u);
 }
 
+TEST(Inspection, FilesOfADatabaseBelongToIt) {
+  const Folder folder;
+  write_drives(folder);
+  const auto left_out = [&] { return inspect(*make_dataset("plain", folder.path()), folder.path(), kOn).left_out; };
+  for (const std::string file : {"LOCK", "LOG", "MANIFEST-000004", "000007.log"}) make_file(folder / file, "x");
+  EXPECT_EQ(left_out(), std::vector<std::string>{"3 files without a suffix, the first LOCK"});
+  make_file(folder / "CURRENT", "MANIFEST-000004\n");
+  EXPECT_TRUE(left_out().empty());
+}
+
 TEST(Inspection, NotesUnequalNumbersOfFrames) {
   const Folder folder;
   write_drives(folder);
