@@ -100,10 +100,10 @@ LatLon from_utm(double easting, double northing, int zone, bool north) {
   // Krueger's series in the third flattening n, to its third order (Karney, Transverse Mercator with an accuracy of a
   // few nanometers, 2011, equations 11, 14 and 36); latitude from the conformal one by Newton's method (equations 19 to
   // 21).
-  constexpr double a = 6378137, f = 1 / 298.257223563, n = f / (2 - f);
-  constexpr double radius = a / (1 + n) * (1 + n * n / 4 + n * n * n * n / 64) * 0.9996;
-  constexpr double beta[] = {n / 2 - 2 * n * n / 3 + 37 * n * n * n / 96, n * n / 48 + n * n * n / 15,
-                             17 * n * n * n / 480};
+  const double a = 6378137, f = 1 / 298.257223563, n = f / (2 - f);
+  const double radius = a / (1 + n) * (1 + n * n / 4 + n * n * n * n / 64) * 0.9996;
+  const double beta[] = {n / 2 - 2 * n * n / 3 + 37 * n * n * n / 96, n * n / 48 + n * n * n / 15,
+                         17 * n * n * n / 480};
   const double xi = (northing - (north ? 0 : 1e7)) / radius, eta = (easting - 500'000) / radius;
   double x = xi, y = eta;
   for (int j = 1; j <= 3; ++j) {

@@ -22,8 +22,10 @@ namespace fs = std::filesystem;
 /// `heading`.
 std::string panorama_jpeg(double heading) {
   cv::Mat panorama(180, 360, CV_8UC3);
-  for (int x = 0; x < 360; ++x)
-    panorama.col(x) = cv::Scalar::all(12 * (static_cast<int>(heading + x - 180 + 360) % 360 / 20));
+  for (int x = 0; x < 360; ++x) {
+    const int sector = static_cast<int>(heading + x - 180 + 360) % 360 / 20;
+    panorama.col(x) = cv::Scalar::all(12 * sector);
+  }
   std::vector<uchar> bytes;
   cv::imencode(".jpg", panorama, bytes);
   return {bytes.begin(), bytes.end()};
