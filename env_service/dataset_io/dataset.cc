@@ -22,7 +22,7 @@ constexpr Foreign kForeign[] = {
      "its films are below videos/: copy one as DIR/NAME.mp4, or cut an episode out of it by the times in meta/episodes "
      "(ffmpeg -ss FROM -to END)"},
     {".bag", "is a bag of ROS 1, which is not read", "convert it: rosbags-convert --src FILE.bag --dst FOLDER"},
-    {".ldb", "is a LevelDB, but not one of StreetLearn", "--data names a folder of recordings", "streetlearn"},
+    {".ldb", "has StreetLearn in a folder of its own", "--data names that folder", "streetlearn"},
     {".pbf", "is a street map, not a recording", "--data names a folder of recordings"},
     {".osm", "is a street map, not a recording", "--data names a folder of recordings"},
 };
@@ -46,7 +46,8 @@ Error no_traversals(const std::string& folder) {
     for (const auto& [ending, what, remedy, dataset] : kForeign) {
       if (!path.ends_with(ending)) continue;
       try {
-        if (dataset) opened(DatasetRegistry::instance().find("dataset", dataset), folder)->names();
+        if (dataset)
+          opened(DatasetRegistry::instance().find("dataset", dataset), at->path().parent_path().string())->names();
       } catch (const Error& fault) {
         return fault;
       }

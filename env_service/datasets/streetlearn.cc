@@ -158,7 +158,7 @@ class StreetLearn : public FolderDataset {
   void read_graph() {
     if (read_) return;
     routes_.clear();
-    if (is_file(below(folder_, "CURRENT"))) {
+    if (LevelDb::is_in(folder_)) {
       database_ = std::make_shared<LevelDb>(folder_);
       graph_ = StreetGraph::from_leveldb(*database_);
     } else {

@@ -4,6 +4,9 @@
 #include <leveldb/db.h>
 #include <leveldb/env.h>
 
+#include <filesystem>
+#include <regex>
+
 #include "core/util/error.h"
 
 namespace citylearn {
@@ -59,6 +62,18 @@ struct LevelDb::Impl {
   const std::unique_ptr<leveldb::Env> env = std::make_unique<ReadOnlyEnv>();  // outlives db
   std::unique_ptr<leveldb::DB> db;
 };
+
+bool LevelDb::owns(const std::string& name) {
+  static const std::regex names(R"(CURRENT|LOCK|LOG(\.old)?|MANIFEST-\d+|\d+\.(ldb|sst|log))");
+  return std::regex_match(name, names);
+}
+
+bool LevelDb::is_in(const std::string& folder) {
+  std::error_code error;
+  for (std::filesystem::directory_iterator at(folder, error), end; !error && at != end; at.increment(error))
+    if (at->path().filename() == "CURRENT" || at->path().extension() == ".ldb") return true;
+  return false;
+}
 
 LevelDb::LevelDb(const std::string& folder) : folder_(folder), impl_(std::make_unique<Impl>()) {
   leveldb::Options options;

@@ -11,6 +11,11 @@ namespace citylearn {
 /// tables' indices and, where the last writer left them, of its log. Threads may share it.
 class LevelDb {
  public:
+  /// Returns whether a file of this name, without folders, belongs to a LevelDB: "CURRENT", "000005.ldb".
+  static bool owns(const std::string& name);
+  /// Returns whether there is a LevelDB in a folder, sound or not: the file that names its manifest, or a table.
+  static bool is_in(const std::string& folder);
+
   /// Throws Error naming the folder when it is damaged or not a LevelDB.
   explicit LevelDb(const std::string& folder);
   ~LevelDb();

@@ -18,6 +18,7 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kOneSpot = 0.01;             // metres: nearer places have no direction from one to the other
 constexpr std::size_t kMaxIdCharacters = 64;  // published ids have 22
+constexpr std::size_t kMaxPlaces = 1'048'576, kMaxLinks = 1'048'576, kMaxLinksOfPlace = 255;
 constexpr const char* kGraphKey = "panos_connectivity";
 
 double turned(double degrees) {
@@ -36,6 +37,10 @@ enum Graph { kConnection = 3, kPano = 5 };
 enum Part { kId = 1, kNeighbor = 3, kCoords = 9, kHeading = 13, kImage = 16 };  // of Pano and PanoConnection
 enum Coords { kLatitude = 1, kLongitude = 2 };
 }  // namespace field
+
+std::string too_many_links(const std::string& place) {
+  return "more than " + std::to_string(kMaxLinksOfPlace) + " links at " + place;
+}
 
 StreetPlace place_of(std::string_view pano, const std::string& where) {
   StreetPlace place{"", 0, kNaN, kNaN};
@@ -62,7 +67,7 @@ std::string StreetGraph::add(StreetPlace place) {
   if (!std::isfinite(place.yaw)) return "the heading of " + place.id + " is not a finite number";
   if (!(std::abs(place.latitude) <= 90) || !(std::abs(place.longitude) <= 180))
     return "the coordinates of " + place.id + " are not latitude and longitude in degrees";
-  if (places_.size() == kMaxStreetPlaces) return "more than 1048576 places";
+  if (places_.size() == kMaxPlaces) return "more than " + std::to_string(kMaxPlaces) + " places";
   if (!index_.emplace(place.id, static_cast<int>(places_.size())).second)
     return "a second row for this id, " + place.id;
   place.yaw = turned(place.yaw);
@@ -74,8 +79,8 @@ std::string StreetGraph::add_link(int from, int to, const double* heading) {
   StreetPlace& start = places_[static_cast<std::size_t>(from)];
   const StreetPlace& end = places_[static_cast<std::size_t>(to)];
   if (from == to) return start.id + " is linked with itself";
-  if (start.links.size() == kMaxLinksOfPlace) return "more than 255 links at " + start.id;
-  if (links_ == kMaxStreetLinks) return "more than 1048576 links";
+  if (start.links.size() == kMaxLinksOfPlace) return too_many_links(start.id);
+  if (links_ == kMaxLinks) return "more than " + std::to_string(kMaxLinks) + " links";
   const double metres = metres_between(start.latitude, start.longitude, end.latitude, end.longitude);
   const double at = heading             ? *heading
                     : metres < kOneSpot ? start.yaw
@@ -122,34 +127,32 @@ StreetGraph StreetGraph::from_leveldb(const LevelDb& database) {
   const auto check = [&](const std::string& fault) {
     if (!fault.empty()) throw Error(fault, where);
   };
-  // Links refer to places, which may stand behind them: two passes.
-  for (const int wanted : {field::kPano, field::kConnection}) {
+  const auto each = [&](int wanted, auto&& use) {
     ProtobufReader fields(message);
-    while (fields.next()) {
-      if (fields.field() != wanted) continue;
-      if (wanted == field::kPano) {
-        check(graph.add(place_of(fields.text(), where)));
-        continue;
-      }
-      std::string id;
-      std::vector<std::string_view> neighbors;
-      ProtobufReader connection(fields.text());
-      while (connection.next()) {
-        if (connection.field() == field::kId) id = connection.text();
-        if (connection.field() == field::kNeighbor) neighbors.push_back(connection.text());
-        if (neighbors.size() > kMaxLinksOfPlace) check("more than 255 links at " + printable(id));
-      }
-      require_whole(connection, where);
-      const int from = graph.find(id);
-      if (from < 0) check("connects panorama " + printable(id) + ", which it does not describe");
-      for (const std::string_view neighbor : neighbors) {
-        const int to = graph.find(std::string(neighbor));
-        if (to < 0) check("links " + id + " with panorama " + printable(neighbor) + ", which it does not describe");
-        check(graph.add_link(from, to, nullptr));
-      }
-    }
+    while (fields.next())
+      if (fields.field() == wanted) use(fields.text());
     require_whole(fields, where);
-  }
+  };
+  each(field::kPano, [&](std::string_view pano) { check(graph.add(place_of(pano, where))); });
+  // Links refer to places, which may stand behind them.
+  each(field::kConnection, [&](std::string_view links) {
+    std::string id;
+    std::vector<std::string_view> neighbors;
+    ProtobufReader connection(links);
+    while (connection.next()) {
+      if (connection.field() == field::kId) id = connection.text();
+      if (connection.field() == field::kNeighbor) neighbors.push_back(connection.text());
+      if (neighbors.size() > kMaxLinksOfPlace) check(too_many_links(printable(id)));
+    }
+    require_whole(connection, where);
+    const int from = graph.find(id);
+    if (from < 0) check("connects panorama " + printable(id) + ", which it does not describe");
+    for (const std::string_view neighbor : neighbors) {
+      const int to = graph.find(std::string(neighbor));
+      if (to < 0) check("links " + id + " with panorama " + printable(neighbor) + ", which it does not describe");
+      check(graph.add_link(from, to, nullptr));
+    }
+  });
   if (graph.links_ == 0) throw Error("links no two panoramas", where);
   return graph;
 }

@@ -10,9 +10,6 @@
 
 namespace citylearn {
 
-inline constexpr std::size_t kMaxStreetPlaces = 1'048'576, kMaxStreetLinks = 1'048'576;
-inline constexpr std::size_t kMaxLinksOfPlace = 255;
-
 /// A directed link between two places.
 struct StreetLink {
   int to = 0;
@@ -45,7 +42,7 @@ class StreetGraph {
   /// Returns the place farthest from `start` of those that can be reached, by way of links.
   int farthest(int start) const;
   /// Returns the shortest walk by way of these places, in metres from each to the next; the last step looks on as the
-  /// one before. Throws Error naming `where` when there is no way.
+  /// one before. Throws Error naming `where` when no links lead from one to the next.
   std::vector<StreetStep> walk(const std::vector<int>& stops, const std::string& where) const;
 
  private:

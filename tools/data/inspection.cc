@@ -9,7 +9,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
-#include <regex>
 #include <set>
 #include <sstream>
 #include <unordered_set>
@@ -20,6 +19,7 @@
 #include "env_service/files/files.h"
 #include "env_service/geometry/plane.h"
 #include "env_service/images/image_sources.h"
+#include "env_service/streets/leveldb.h"
 
 namespace citylearn {
 namespace {
@@ -51,9 +51,7 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
   static const std::set<std::string> passed_over{".csv", ".json", ".xml", ".yaml", ".yml", ".toml", ".ini",
                                                  ".db",  ".xmp",  ".aae", ".thm",  ".log", ".md",   ".lrv"},
       texts{"files without a suffix", ".txt files", ".tsv files", ".pdf files", ".html files", ".srt files"};
-  // All files of a database belong to it.
-  static const std::regex leveldb(R"(CURRENT|LOCK|LOG(\.old)?|MANIFEST-\d+|\d+\.(ldb|sst|log))");
-  const bool database = is_file(below(folder, "CURRENT"));
+  const bool database = LevelDb::is_in(folder);        // takes all of its files
   std::map<std::string, std::set<std::string>> kinds;  // paths by kind
   std::error_code error;
   for (fs::recursive_directory_iterator at(folder, fs::directory_options::skip_permission_denied, error), end;
@@ -67,7 +65,7 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
     if (hidden && is_folder) at.disable_recursion_pending();
     if (hidden || (is_folder ? !fs::is_empty(at->path(), ignored) : passed_over.contains(suffix)) ||
         failed.contains(path.substr(0, path.find('/'))) || taken.contains(path) || taken.contains(stem) ||
-        taken.contains(stem + suffix) || (database && std::regex_match(path, leveldb)))
+        taken.contains(stem + suffix) || (database && LevelDb::owns(path)))
       continue;
     const std::string unnamed =
         path.find('/') == path.npos ? "files without a suffix" : "files in folders without a suffix";

@@ -177,6 +177,17 @@ TEST_F(StreetLearnPublished, NamesWhatIsDamaged) {
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "cannot be read as a LevelDB"));
 }
 
+TEST_F(StreetLearnPublished, IsFoundInAFolderOfItsOwnAndWithoutItsManifestsName) {
+  write_all(true);
+  const Folder above;
+  fs::copy(folder_.path(), above / "city", fs::copy_options::recursive);
+  const auto told = [&] { return std::string(unknown_traversal("", above.path(), {}).what()); };
+  EXPECT_TRUE(
+      holds(told(), "no traversals found: it has StreetLearn in a folder of its own (--data names that folder)"));
+  fs::remove(above / "city/CURRENT");
+  EXPECT_TRUE(holds(told(), "city: cannot be read as a LevelDB"));
+}
+
 TEST_F(StreetLearnPublished, RefusesOtherDatabases) {
   write({{"weather", "rain"}});
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "has no key panos_connectivity"));
