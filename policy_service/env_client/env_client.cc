@@ -150,8 +150,11 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     return;
   }
   const bool forged = obeys_forged_settings(env, info);
-  // An env_service that lost its settings was reset by a service that is not known here.
-  const bool begins_anew = fresh || (env.commands() && (forged || (env.in_force() && info.settings().version() == 0)));
+  // An env_service that lost its settings was reset by a service that is not known here. One whose observations come
+  // has them: what it announced before it took them may arrive later than these, as they are on another topic.
+  const bool obeys_ours = env.info.settings() != env.settings.settings() && env.observed.here(Clock::now());
+  const bool lost_settings = env.in_force() && info.settings().version() == 0 && !obeys_ours;
+  const bool begins_anew = fresh || (env.commands() && (forged || lost_settings));
   env.info = info;
   note_settings(env, info.settings());
   if (begins_anew) {
@@ -336,6 +339,7 @@ void EnvClient::on_observation(msg::Observation& observation) {
     return;
   }
   env->settings_sender.confirm();
+  env->observed.heard(Clock::now());
   if (observation.step() + 1 == env->next_step) {  // our answer was lost, or crossed this repetition
     ++node_.traffic.repeated;
     ++node_.traffic.resent;

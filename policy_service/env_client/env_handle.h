@@ -25,6 +25,7 @@ struct EnvHandle {
   bool wants_belief = false;      ///< as that observation has it
   MessageOrder order;             ///< of its TraversalInfos
   Incumbent presence;             ///< which process speaks for the id, and when it was last heard
+  Presence observed;              ///< when an observation under `settings` came last
   msg::Action last_action;        ///< sent again when the observation it answers is repeated
   CommandSender settings_sender;  ///< sends `settings` until a message of the env_service carries their id
   /// Features of the route, for observations by reference. The settings are sent once these are complete.

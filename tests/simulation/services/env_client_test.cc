@@ -258,6 +258,20 @@ class Deaf {
     info.feature_dimension() = 2;
   }
   void announce() { node_.publish(info); }
+  /// Shows an observation of one agent under `settings`.
+  void show(const msg::SettingsId& settings, std::uint64_t step) {
+    msg::Observation observation = sample_of<msg::Observation>(Size::kMin);
+    observation.settings() = settings;
+    observation.step() = step;
+    observation.feature_dimension() = info.feature_dimension();
+    observation.features().assign(info.feature_dimension(), 0.0f);
+    observation.frame() = observation.position() = observation.goal() = {0};
+    observation.previous_action() = {255};
+    observation.reward() = {0};
+    observation.flags() = {0};
+    observation.allowed() = {1};
+    node_.publish(observation);
+  }
 
   msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kMin);
 
@@ -289,6 +303,36 @@ TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
     return !env->refusal.empty();
   }));
   EXPECT_EQ(env->refusal, "does not confirm its settings");
+}
+
+TEST_F(EnvClientTest, AnAnnouncementThatObservationsOvertookIsNotARestart) {
+  Deaf env_service(run_);
+  env_service.info.agents() = 1;
+  Player player(run_);
+  int joined = 0;
+  player.client.joined = [&](EnvHandle& env) {
+    ++joined;
+    player.client.command(env, route(0, 20));
+  };
+  env_service.announce();
+  EnvHandle* env = player.env("deaf");
+  ASSERT_TRUE(env);
+  const msg::SettingsId given = env->settings.settings();
+  env_service.show(given, 0);
+  ASSERT_TRUE(player.until([&] { return env->next_step == 1; }));
+  env_service.announce();  // as sent before the settings came
+  ASSERT_TRUE(player.until([&] { return env->obeys == 0; }));
+  EXPECT_EQ(joined, 1);
+  env_service.show(given, 1);
+  EXPECT_TRUE(player.until([&] { return env->next_step == 2; })) << "under the same settings";
+  // What comes after the announcement of these settings shows that they are lost.
+  env_service.info.settings() = given;
+  env_service.announce();
+  ASSERT_TRUE(player.until([&] { return env->info.settings() == given; }));
+  env_service.info.settings() = {};
+  env_service.announce();
+  ASSERT_TRUE(player.until([&] { return joined == 2; }));
+  EXPECT_NE(env->settings.settings(), given);
 }
 
 TEST_F(EnvClientTest, OneWhoseEncoderServiceIsSilentIsWaitedFor) {
