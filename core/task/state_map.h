@@ -93,7 +93,8 @@ class StateMap {
 /// The fewest steps from each state to a goal.
 class DistanceField {
  public:
-  explicit DistanceField(int goal = 0) : goal_(goal) {}
+  DistanceField() = default;  ///< to place 0 of a line
+  explicit DistanceField(int goal) : goal_(goal) {}
   explicit DistanceField(std::shared_ptr<const std::vector<std::uint16_t>> steps) : steps_(std::move(steps)) {}
 
   bool reaches(int state) const { return !steps_ || (*this)(state) != StateMap::kNoWay; }

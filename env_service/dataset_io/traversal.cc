@@ -44,6 +44,10 @@ std::uint64_t Traversal::hash() const {
   sha.add(positions);
   if (images)
     for (int frame = 0; frame < frames; ++frame) sha.add(images->fingerprint(frame));
+  if (streets) {
+    sha.add(streets->hash());
+    sha.add(static_cast<std::uint64_t>(rule));
+  }
   return sha.first_8_bytes();
 }
 

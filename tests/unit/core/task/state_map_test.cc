@@ -15,6 +15,7 @@
 #include <sstream>
 #include <string>
 
+#include "tests/paths.h"
 #include "tests/support/data/real_data.h"
 #include "tests/support/text.h"
 
