@@ -6,8 +6,11 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
+
+#include "core/task/state_map.h"
 
 namespace citylearn {
 
@@ -22,11 +25,12 @@ constexpr int kSparsePlaces = 2048;
 /// The task that a network is built for.
 struct NetworkTask {
   int features = 0;  ///< D
-  int frames = 128;  ///< N, places on the route
+  int frames = 128;  ///< N, places on the route; on streets their states
   /// D x EN, features of the route as each of E training traversals shows it, the experiences side by side: the place
   /// memory of networks that have one.
   Matrix<float> reference;
-  int sparse_from = kSparsePlaces;  ///< from so many places on, beliefs over them are sparse
+  int sparse_from = kSparsePlaces;               ///< from so many places on, beliefs over them are sparse
+  std::shared_ptr<const StateMap> streets = {};  ///< null: a line of N places
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }
@@ -42,8 +46,8 @@ struct NetworkInputs {
   Matrix<S> features;         ///< D x at least U: each distinct feature vector stands here once
   std::vector<int> seen;      ///< TB, column of `features`
   std::vector<int> shown;     ///< TB, place whose frame it is, plus `frames` times its experience; -1: augmented
-  std::vector<int> goal;      ///< TB, place on the route, 0..N-1
-  std::vector<int> position;  ///< TB, place on the route: what the baseline sees, and a target of losses
+  std::vector<int> goal;      ///< TB, place on the route, 0..N-1; on streets the place
+  std::vector<int> position;  ///< TB, place on the route (on streets the state): the baseline sees it, losses aim at it
   std::vector<std::uint8_t> previous_action;  ///< TB, kNoAction at an episode's start
   std::vector<std::uint8_t> allowed;          ///< TB, bit a = action a allowed
   std::vector<std::uint8_t> first;            ///< TB, 1 = first observation of an episode: the state before it is wiped

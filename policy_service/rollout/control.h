@@ -12,11 +12,12 @@ namespace citylearn {
 /// The route of a control policy. Places are counted from the route's first frame.
 struct ControlTask {
   int first_frame = 0;  ///< of the route, index on the traversal
-  int frames = 0;       ///< N, places on the route
+  int frames = 0;       ///< N, places on the route; on streets their states
   /// D x EN, features of the route on the training traversals (for oracle_filter: on the one walked on), as
   /// NetworkTask.
   Matrix<float> reference = {};
-  int sparse_from = kSparsePlaces;  ///< as NetworkTask
+  int sparse_from = kSparsePlaces;               ///< as NetworkTask
+  std::shared_ptr<const StateMap> streets = {};  ///< likewise
 };
 
 /// Policies that learn nothing: the references for every result of a learned agent.
