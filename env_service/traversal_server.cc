@@ -7,6 +7,7 @@
 
 #include "core/util/error.h"
 #include "core/util/name.h"
+#include "core/wire/streets.h"
 #include "core/wire/transfer.h"
 
 namespace citylearn {
@@ -112,14 +113,7 @@ std::shared_ptr<const ObjectBytes> TraversalServer::map(const ObjectKey& key) co
 }
 
 std::shared_ptr<const ObjectBytes> TraversalServer::streets(const ObjectKey& key) const {
-  const StreetMap& map = *traversal_.streets;
-  msg::Streets streets;
-  streets.east() = map.east;
-  streets.north() = map.north;
-  streets.from() = map.from;
-  streets.to() = map.to;
-  streets.heading() = map.heading;
-  return std::make_shared<ObjectBytes>(key, encode_object(streets));
+  return std::make_shared<ObjectBytes>(key, encode_streets(*traversal_.streets));
 }
 
 }  // namespace citylearn
