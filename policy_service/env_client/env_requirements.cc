@@ -30,7 +30,7 @@ std::string misfit(const msg::TraversalInfo& info, const EnvRequirements& requir
   if (required.feature_dimension && info.feature_dimension() != *required.feature_dimension)
     return fmt::format("has {} features a frame, the agent needs {}", info.feature_dimension(),
                        *required.feature_dimension);
-  if (streets && required.frames > 0 && (required.first_frame != 0 || required.frames != info.frames()))
+  if (streets && (required.first_frame != 0 || (required.frames > 0 && required.frames != info.frames())))
     return fmt::format("walks on streets, whose {} frames are one route: leave --frames out", info.frames());
   return required.frames > 0 ? route_misfit(info, required.first_frame, required.frames) : "";
 }
