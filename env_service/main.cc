@@ -77,6 +77,7 @@ void list() {
 
 /// Makes a taught traversal one that a robot sees again.
 void make_live(Traversal& taught, CommandLine& line) {
+  if (taught.streets) throw Error("a robot drives along a line", "--rule", "give --rule line");
   if (!taught.images) throw Error("has features, not pictures", "traversal '" + taught.name + "'", "teach one");
   if (line.service.imperfections != Imperfections())
     throw Error("a robot is imperfect by itself", "--slip and the like", "leave them out");
