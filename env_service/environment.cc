@@ -15,7 +15,8 @@ namespace {
 constexpr std::uint32_t kMaxCount = 1u << 30;
 constexpr int kMaxTries = 1000;  // to draw a goal that can be reached
 
-/// Returns the states of a traversal's streets; null on a line.
+}  // namespace
+
 std::shared_ptr<const StateMap> states_of(const Traversal& traversal) {
   if (!traversal.streets) return nullptr;
   auto map = std::make_shared<const StateMap>(*traversal.streets, traversal.rule, msg::MAX_FRAMES);
@@ -24,8 +25,6 @@ std::shared_ptr<const StateMap> states_of(const Traversal& traversal) {
                 "traversal '" + traversal.name + "'");
   return map;
 }
-
-}  // namespace
 
 Environment::Environment(const Traversal& traversal, int agents, const Imperfections& imperfections)
     : traversal_(traversal),

@@ -17,6 +17,9 @@
 
 namespace citylearn {
 
+/// Returns the states of a traversal's streets; null on a line. Throws Error unless it has a frame for each.
+std::shared_ptr<const StateMap> states_of(const Traversal& traversal);
+
 /// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for
 /// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one. On
 /// streets it stands in a state, whose frame it sees; it goes forward, or turns to the left or right (StateMap), and
@@ -93,6 +96,8 @@ class Environment {
   int agents() const { return static_cast<int>(agents_.size()); }
   const Traversal& traversal() const { return traversal_; }
   std::uint64_t traversal_hash() const { return traversal_hash_; }
+  /// Returns the states of the traversal's streets; null on a line.
+  const std::shared_ptr<const StateMap>& streets() const { return streets_; }
 
  private:
   void begin_episode(AgentState& agent);
