@@ -47,6 +47,9 @@ ELSEWHERE = {
     "policy_service --train summer --frames 0:128 --output out/rank": "tests/slurm",
     "policy_service --train summer,fall --evaluate winter ...": "the demo before it",
     "env_service --dataset synthetic --metrics": "prometheus_test.py",
+    "env_service --data DIR --traversal": "tests/python/streets_test.py",
+    "env_service --data CITY --rule street": "tests/unit/env_service/datasets",
+    "policy_service --train summer --evaluate summer,fall --controls all": "tests/simulation/services/streets_test.cc",
     "./run forward": "tests/python/forward_test.py",
     "./run replay drive --agent": "tests/unit/tools/record",
 }
