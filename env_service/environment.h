@@ -17,9 +17,6 @@
 
 namespace citylearn {
 
-/// Returns the states of a traversal's streets; null on a line. Throws Error unless it has a frame for each.
-std::shared_ptr<const StateMap> states_of(const Traversal& traversal);
-
 /// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for
 /// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one. On
 /// streets it stands in a state, whose frame it sees; it goes forward, or turns to the left or right (StateMap), and
@@ -96,20 +93,14 @@ class Environment {
   int agents() const { return static_cast<int>(agents_.size()); }
   const Traversal& traversal() const { return traversal_; }
   std::uint64_t traversal_hash() const { return traversal_hash_; }
-  /// Returns the states of the traversal's streets; null on a line.
-  const std::shared_ptr<const StateMap>& streets() const { return streets_; }
 
  private:
-  void begin_episode(AgentState& agent);
-  int goal_to_begin(AgentState& agent);
+  void begin_episode(AgentState&agent), begin_task(AgentState&agent, int task);
+  int goal_to_begin(AgentState&agent), state_to_begin(AgentState&agent) const;
+  void move(AgentState&agent, std::uint8_t action), kidnap(AgentState&agent), look(AgentState&agent) const;
   int on_route(int place) const;
   bool is_unmatched(int place) const;
-  void begin_task(AgentState& agent, int task);
   static bool waits(const AgentState& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
-  int state_to_begin(AgentState& agent) const;
-  void move(AgentState& agent, std::uint8_t action);
-  void kidnap(AgentState& agent);
-  void look(AgentState& agent) const;
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;

@@ -38,7 +38,7 @@ std::unique_ptr<Policy> control_policy(const std::string& name, const std::map<s
                       {.first_frame = route.first_frame,
                        .frames = route.frames,
                        .reference = reference,
-                       .streets = states_of(recording.traversal)});
+                       .streets = recording.traversal.states()});
 }
 
 std::unique_ptr<Policy> function_policy(Act act) { return std::make_unique<FunctionPolicy>(std::move(act)); }

@@ -11,7 +11,7 @@ class LocalGroup : public EnvGroup {
       : environments_(services, Environment(recording.traversal, agents, recording.imperfections)) {
     const Traversal& traversal = recording.traversal;
     shape_ = {traversal.name,      agents * services, std::vector(static_cast<std::size_t>(services), agents),
-              traversal.dimension, traversal.frames,  environments_.front().streets()};
+              traversal.dimension, traversal.frames,  traversal.states()};
   }
 
   const Shape& shape() const override { return shape_; }

@@ -18,7 +18,7 @@
 #include "env_service/dataset_io/poses.h"
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/files.h"
-#include "env_service/streets/street_views.h"
+#include "env_service/dataset_io/street_views.h"
 
 namespace citylearn {
 namespace {

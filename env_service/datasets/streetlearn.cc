@@ -12,7 +12,7 @@
 #include "env_service/files/text_table.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/images/panorama.h"
-#include "env_service/streets/street_views.h"
+#include "env_service/dataset_io/street_views.h"
 
 namespace citylearn {
 namespace {

@@ -18,7 +18,7 @@ NetworkTask network_task(const Experiences& route, int first, int frames) {
                   where, "choose fewer");
     if (task.reference.cols() == 0) {
       task.features = traversal->dimension;
-      task.streets = states_of(*traversal);
+      task.streets = traversal->states();
       task.reference.resize(task.features, 0);
     }
     if (traversal->dimension != task.features)

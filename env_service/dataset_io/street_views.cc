@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/streets/street_views.h"
+#include "env_service/dataset_io/street_views.h"
 
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
