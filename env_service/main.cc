@@ -56,10 +56,10 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false);
-  app.add_flag(
-         "--show", line.show,
-         "Print dataset, announced name, frames, images and features of the traversal, and how the dataset matches "
-         "traversals (index or otherwise), a line each, then exit")
+  app.add_flag("--show", line.show,
+               "Print dataset, announced name, frames, images and features of the traversal, whether on streets, and "
+               "how the dataset matches "
+               "traversals (index or otherwise), a line each, then exit")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
@@ -104,7 +104,8 @@ int serve(CommandLine& line) {
   if (line.show) {
     std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
               << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension
-              << "\nmatched by " << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
+              << (traversal.streets ? "\nstreets yes" : "") << "\nmatched by "
+              << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
     return 0;
   }
   if (traversal.dataset == kLive)

@@ -58,11 +58,6 @@ TEST(Options, Rule) {
   EXPECT_FALSE(parsed("").rule);
   EXPECT_EQ(parsed("--rule street-fixed").rule, StateRule::kStreetFixed);
   EXPECT_THROW(parsed("--rule road"), CLI::ParseError);
-  EXPECT_EQ(error_of([] {
-              const Source source = parsed("--dataset synthetic --synthetic-images 0 --rule street");
-              select(*open_dataset(source), "summer", source.selection);
-            }),
-            "--rule: 'synthetic' has no map of streets (leave it out)");
 }
 
 TEST(Options, OpenTheDataset) {
