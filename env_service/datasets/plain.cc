@@ -16,9 +16,9 @@
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/photographs.h"
 #include "env_service/dataset_io/poses.h"
+#include "env_service/dataset_io/street_views.h"
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/files.h"
-#include "env_service/dataset_io/street_views.h"
 
 namespace citylearn {
 namespace {

@@ -180,6 +180,13 @@ class Recipes(CommandLine):
             self.assertRegex(said, rf"\nLearning gained 0\.\d+ SPL{interval} over the untrained sequence_filter\.\n")
         self.assertRegex(said, r"gained by learning .* fall-slip0\.1 +\| 2 +\|[^|]+\| 0\.\d+")
 
+    def test_streets_of_the_drawn_city(self):
+        demo, = self.take("walk-on-streets", "./run demo --rule street")
+        said = self.run_command(*demo, "--synthetic-images", "0", "--agent", "sequence_filter", "--mode", "evaluate", "--slip", "0",
+                                "--evaluate", "winter", "--tasks", "50", "--no-dashboard", "--output", "out")
+        self.assertIn("sequence_filter finds its way in winter", said)
+        self.assertLess(self.results("out")["winter"]["spl"], 1)
+
     def test_recordings_of_ones_own(self):
         self.write_recordings()
         demo, check, drawn, listed, _ = self.take("train-on-your-recordings", "./run demo --data DIR --frames 0:128 --train",

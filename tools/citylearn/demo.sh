@@ -24,6 +24,8 @@ A first run needs none of them, or these
 What it runs on
   --dataset NAME       format of DIR (default: what "$COMMAND data check"
                        recognises); "$COMMAND data list" shows all
+  --rule RULE          street: agents turn and go on a map of streets, as the
+                       drawn city has one and DIR may; line: along the frames
   --align-by HOW       how to find the same places in other recordings: index,
                        matches, distance, gps, or sight, by what they show
                        (default: as the dataset suggests; sight, where it
@@ -387,7 +389,7 @@ demo() {
     tr ',' '\n' <<<"$1" | while IFS= read -r name; do [ -z "$name" ] || printf '%s\n' "${called[$name]:-$name}"; done | paste -sd ,
   }
   local kind length pairs streets; look_at "$route" || exit 1
-  [ "$streets" != yes ] || { frames=0:$length count=$length; }   # they are walked as a whole
+  [ "$streets" != yes ] || [ -n "$frames" ] || { frames=0:$length count=$length; }   # they are walked as a whole
   local images=$kind whole=$length shortest=$length name
   [ ${#aligning[@]} -gt 0 ] || [ "$pairs" != index ] || match_by_sight "${evaluate:+$train,$evaluate}"
   [ -n "$frames" ] || [ ${#aligning[@]} -eq 0 ] || part=(--frames "0:$((length < count ? length : count))")
