@@ -15,23 +15,13 @@ namespace {
 constexpr std::uint32_t kMaxCount = 1u << 30;
 constexpr int kMaxTries = 1000;  // to draw a goal that can be reached
 
-/// Returns the states of a traversal's streets; null on a line.
-std::shared_ptr<const StateMap> states_of(const Traversal& traversal) {
-  if (!traversal.streets) return nullptr;
-  auto map = std::make_shared<const StateMap>(*traversal.streets, traversal.rule, msg::MAX_FRAMES);
-  if (map->states() != traversal.frames)
-    throw Error("has " + std::to_string(traversal.frames) + " frames for " + std::to_string(map->states()) + " states",
-                "traversal '" + traversal.name + "'");
-  return map;
-}
-
 }  // namespace
 
 Environment::Environment(const Traversal& traversal, int agents, const Imperfections& imperfections)
     : traversal_(traversal),
       traversal_hash_(traversal.hash()),
       imperfections_(imperfections),
-      streets_(states_of(traversal)) {
+      streets_(traversal.states()) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
   agents_.resize(agents);

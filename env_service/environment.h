@@ -95,16 +95,12 @@ class Environment {
   std::uint64_t traversal_hash() const { return traversal_hash_; }
 
  private:
-  void begin_episode(AgentState& agent);
-  int goal_to_begin(AgentState& agent);
+  void begin_episode(AgentState&agent), begin_task(AgentState&agent, int task);
+  int goal_to_begin(AgentState&agent), state_to_begin(AgentState&agent) const;
+  void move(AgentState&agent, std::uint8_t action), kidnap(AgentState&agent), look(AgentState&agent) const;
   int on_route(int place) const;
   bool is_unmatched(int place) const;
-  void begin_task(AgentState& agent, int task);
   static bool waits(const AgentState& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
-  int state_to_begin(AgentState& agent) const;
-  void move(AgentState& agent, std::uint8_t action);
-  void kidnap(AgentState& agent);
-  void look(AgentState& agent) const;
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;

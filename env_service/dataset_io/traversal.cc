@@ -3,7 +3,9 @@
 
 #include <utility>
 
+#include "core/util/error.h"
 #include "core/util/sha256.h"
+#include "core/wire/messages.h"
 
 namespace citylearn {
 namespace {
@@ -33,6 +35,15 @@ void Traversal::keep(const std::vector<int>& kept) {
   pick(times, kept);
   pick(unmatched, kept);
   frames = static_cast<int>(kept.size());
+}
+
+std::shared_ptr<const StateMap> Traversal::states() const {
+  if (!streets) return nullptr;
+  auto map = std::make_shared<const StateMap>(*streets, rule, msg::MAX_FRAMES);
+  if (map->states() != frames)
+    throw Error("has " + std::to_string(frames) + " frames for " + std::to_string(map->states()) + " states",
+                "traversal '" + name + "'");
+  return map;
 }
 
 std::uint64_t Traversal::hash() const {

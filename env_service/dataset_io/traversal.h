@@ -37,6 +37,8 @@ struct Traversal {
   std::span<const float> feature(int frame) const {
     return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};
   }
+  /// Returns the states of its streets; null on a line. Throws Error unless it has a frame for each.
+  std::shared_ptr<const StateMap> states() const;
   /// Keeps `kept`, in that order, of the frames; indices may repeat. Leaves images as they are and takes no turns.
   void keep(const std::vector<int>& kept);
   /// Returns the first 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and streets

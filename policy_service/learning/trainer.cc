@@ -137,6 +137,8 @@ void Trainer::settings(int environment, msg::TaskSettings& settings) const {
   settings.first_frame() = static_cast<std::uint32_t>(p.options.first_frame);
   settings.frames() = static_cast<std::uint32_t>(p.lesson().frames);
   settings.max_steps() = static_cast<std::uint32_t>(p.lesson().max_steps);
+  settings.max_detour() = static_cast<std::uint32_t>(p.options.max_detour);
+  settings.goal_radius() = p.task.goal_radius;
   settings.seed() = p.collector->environment_seed(environment);
   settings.tasks() = 0;
   settings.shuffle() = false;
@@ -276,6 +278,7 @@ void Trainer::describe(msg::LearnerInfo& info) const {
   info.lesson() = static_cast<std::uint32_t>(p.progress.lesson);
   info.lesson_frames() = static_cast<std::uint32_t>(p.lesson().frames);
   info.max_steps() = static_cast<std::uint32_t>(p.lesson().max_steps);
+  info.max_detour() = static_cast<std::uint32_t>(p.options.max_detour);
   info.steps() = static_cast<std::uint32_t>(p.sequence);
   info.noise_frame() = p.parameters.trainer["noise-frame"];
   info.noise_place() = p.parameters.trainer["noise-place"];

@@ -31,6 +31,7 @@ struct NetworkTask {
   Matrix<float> reference;
   int sparse_from = kSparsePlaces;               ///< from so many places on, beliefs over them are sparse
   std::shared_ptr<const StateMap> streets = {};  ///< null: a line of N places
+  float goal_radius = 0;                         ///< metres; on streets a goal is also reached at places within it
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }

@@ -18,12 +18,14 @@ struct ControlTask {
   Matrix<float> reference = {};
   int sparse_from = kSparsePlaces;               ///< as NetworkTask
   std::shared_ptr<const StateMap> streets = {};  ///< likewise
+  float goal_radius = 0;                         ///< likewise
 };
 
 /// Policies that learn nothing: the references for every result of a learned agent.
 using ControlRegistry = Registry<Policy, const ControlTask&>;
 
-/// Returns `action` if it is allowed, else the opposite direction (on a route of 2 or more frames one of them is).
+/// Returns `action` if it is allowed on a line, else the opposite direction (on a route of 2 or more frames one of them
+/// is).
 inline std::uint8_t allowed_or_turn(std::uint8_t action, std::uint8_t allowed) {
   if (allowed >> action & 1) return action;
   return action == kNext ? kPrevious : kNext;

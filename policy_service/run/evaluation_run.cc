@@ -31,7 +31,7 @@ void EvaluationRun::load_agent() {
   else if (!given(options, "--train"))
     options.train = agent_->data.names();
   if (!options.parameters.empty()) load_parameters(options.parameters, *agent_);
-  if (options.max_steps == options.frames) options.max_steps = agent_->task.frames;
+  if (options.cap_steps) options.max_steps = agent_->task.frames;
   options.agent = agent_->name;
   options.first_frame = agent_->first_frame;
   options.frames = agent_->task.frames;
@@ -54,20 +54,30 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   PolicyServiceOptions& options = context_.options;
   const auto& entry = ControlRegistry::instance().find("control", name);
   const Parameters parameters(name, entry.parameters, options.control_parameters[name]);
-  const ControlTask route{options.first_frame, options.frames};
-  if (name != "oracle_filter") {
+  const auto task_on = [route = ControlTask{options.first_frame, options.frames},
+                        radius = options.goal_radius](const EnvHandle& env) {
     ControlTask task = route;
-    if (name == "sequence_filter") task.reference = reference();
-    return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
+    task.streets = env.streets;
+    task.goal_radius = radius;
+    if (env.streets) task.frames = env.streets->states();
+    return task;
+  };
+  if (name != "oracle_filter") {
+    const Matrix<float> taught = name == "sequence_filter" ? reference() : Matrix<float>();
+    return [&entry, parameters, task_on, taught](const EnvHandle& env) {
+      ControlTask task = task_on(env);
+      task.reference = taught;
+      return entry.create(parameters, task);
+    };
   }
   std::map<std::string, ControlTask> tasks;
   const Matrix<float> taught = reference();
   for (const EnvHandle* env : context_.evaluation_envs()) {
     const std::vector<float>& features = context_.features_on(env->traversal());
-    ControlTask& task = tasks.emplace(env->traversal(), route).first->second;
+    ControlTask& task = tasks.emplace(env->traversal(), task_on(*env)).first->second;
     task.reference = Eigen::Map<const Matrix<float>>(
-        features.data(), static_cast<std::ptrdiff_t>(features.size()) / route.frames, route.frames);
-    pairings_[env->traversal()] = examine_pairs(taught, task.reference);
+        features.data(), static_cast<std::ptrdiff_t>(features.size()) / task.frames, task.frames);
+    if (!task.streets) pairings_[env->traversal()] = examine_pairs(taught, task.reference);
   }
   return
       [&entry, parameters, tasks](const EnvHandle& env) { return entry.create(parameters, tasks.at(env.traversal())); };
@@ -125,7 +135,9 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
   settings.task_mode() = msg::EVALUATE;
   settings.first_frame() = static_cast<std::uint32_t>(options.first_frame);
   settings.frames() = static_cast<std::uint32_t>(options.frames);
-  settings.max_steps() = static_cast<std::uint32_t>(options.max_steps);
+  settings.max_steps() = options.cap_steps ? 0 : static_cast<std::uint32_t>(options.max_steps);  // 0: as many as frames
+  settings.max_detour() = static_cast<std::uint32_t>(options.max_detour);
+  settings.goal_radius() = options.goal_radius;
   settings.tasks() = static_cast<std::uint32_t>(options.tasks);
   settings.seed() = evaluation_task_seed(options.seed);
   settings.shuffle() = shuffle;
@@ -176,20 +188,34 @@ std::optional<double> EvaluationRun::evaluate_others() {
 void EvaluationRun::evaluate_all() {
   const PolicyServiceOptions& options = context_.options;
   const std::vector<EnvHandle*> envs = context_.evaluation_envs();
-  context_.cap_frames(envs);
+  context_.fit_route(envs);
   std::vector<std::string> traversals;
   for (const EnvHandle* env : envs) traversals.push_back(env->traversal());
   if (!context_.records.announced()) context_.records.announce("", 0, {});
   const Evaluation::MakePolicy agent = agent_ ? agent_policy() : control(options.agent);
-  evaluate(options.agent, false, agent, traversals);
+  // A filter remembers one map's places.
+  const auto known = [&](const std::string& name) {
+    std::vector<std::string> those = traversals;
+    if (name == "sequence_filter")
+      std::erase_if(those, [&](const std::string& traversal) {
+        const auto streets = context_.streets_on(traversal);
+        const bool same = !streets || streets == context_.streets_on(options.train.front());
+        if (!same) spdlog::warn("skipping {} on '{}': its streets are not those of --train", name, traversal);
+        return !same;
+      });
+    return those;
+  };
+  evaluate(options.agent, false, agent, known(options.agent));
   for (const std::string& name : options.controls) {
     if (name == options.agent) continue;
-    if (name == "shuffled") {
+    if (name == "shuffled" && context_.streets_on(traversals.front())) {
+      spdlog::warn("skipping shuffled: the frames of streets are not shuffled");
+    } else if (name == "shuffled") {
       evaluate(options.agent, true, agent, traversals);
     } else if (name.ends_with("_filter") && reference().size() == 0) {
       spdlog::warn("skipping {}: traversal '{}' has no features or no env_service", name, joined(options.train));
     } else {
-      evaluate(name, false, control(name), traversals);
+      evaluate(name, false, control(name), known(name));
     }
   }
   if (!rows_.empty()) return;
