@@ -44,6 +44,8 @@ void RunContext::fit_route(const std::vector<EnvHandle*>& envs) {
   if (streets_ || envs.empty()) return;
   const EnvHandle& first = env_on(options.train.front()) ? *env_on(options.train.front()) : *envs.front();
   streets_ = first.on_streets();
+  if (options.goal_radius > 0 && !*streets_)
+    throw Error("is for streets, which '" + first.traversal() + "' has not", "--goal-radius");
   if (options.max_detour == kDefaultDetour) options.max_detour = *streets_ ? 3 : 0;
   const bool capped = std::exchange(options.cap_frames, false);
   all_frames_ = *streets_ && capped;

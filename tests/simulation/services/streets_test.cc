@@ -197,21 +197,16 @@ TEST_F(StreetsTest, ARunEvaluatesItsControlsOnThem) {
                                     "--controls", "all", "--tasks", "64", "--output", trial.folder() / "out"});
   ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
   const auto summary = nlohmann::json::parse(contents(trial.folder() / "out/summary.json"));
-  std::map<std::string, double> spl;
-  for (const auto& row : summary["evaluate"]) spl[row["policy"]] = row["spl"];
-  EXPECT_EQ(spl.at("shortest_path"), 1);
-  EXPECT_GT(spl.at("sequence_filter"), 0.95);
-  EXPECT_GT(spl.at("oracle_filter"), 0.95);
-  EXPECT_LT(spl.at("blind"), 0.9);
-  EXPECT_FALSE(spl.contains("shuffled"));
-  const auto manifest = nlohmann::json::parse(contents(trial.folder() / "out/manifest.json"));
-  EXPECT_EQ(manifest["frames"], 13);
-  EXPECT_EQ(manifest["max_steps"], 13);
-  EXPECT_EQ(manifest["max_detour"], 3);
+  const auto spl = [&](const std::string& name) { return summary["controls"][name]["streets"]["spl"].get<double>(); };
+  EXPECT_EQ(summary["evaluate"]["streets"]["spl"], 1);
+  EXPECT_GT(spl("sequence_filter"), 0.95);
+  EXPECT_GT(spl("oracle_filter"), 0.95);
+  EXPECT_LT(spl("blind"), 0.9);
+  EXPECT_FALSE(summary["controls"].contains("shuffled"));
   const auto wrong =
       trial.policy({"--mode", "evaluate", "--train", "streets", "--agent", "blind", "--frames", "0:5", "--wait", "2"});
   EXPECT_EQ(wrong->wait(kLongWait), 1) << wrong->output();
-  EXPECT_TRUE(holds(wrong->output(), "whose 13 frames are one route: leave --frames out")) << wrong->output();
+  EXPECT_TRUE(contains(wrong->output(), "whose 13 frames are one route: leave --frames out")) << wrong->output();
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
 #include <memory>
 #include <string>
 
@@ -22,6 +23,7 @@ inline Traversal streets_traversal(const StreetMap& streets = small_streets(), S
   Random random(7);
   for (int i = 0; i < traversal.frames * dimension; ++i)
     traversal.features.push_back(static_cast<float>(random.uniform() - 0.5));
+  traversal.positions.assign(static_cast<std::size_t>(traversal.frames), NAN);
   traversal.streets = std::make_shared<const StreetMap>(streets);
   traversal.rule = rule;
   return traversal;

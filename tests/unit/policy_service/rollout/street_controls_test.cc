@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "env_service/environment.h"
-#include "policy_service/network/street_votes.h"
 #include "policy_service/rollout/belief.h"
 #include "policy_service/rollout/control.h"
 #include "tests/support/env/env.h"
@@ -12,8 +11,6 @@
 
 namespace citylearn::testing {
 namespace {
-
-constexpr std::uint8_t kNone = kNoAction, kTurns = 0b111, kAheadOnly = 1u << kForward;
 
 std::unique_ptr<Policy> street_control(const std::string& name, const Traversal& traversal, float radius = 0) {
   ControlTask task{0, traversal.frames,
@@ -55,15 +52,6 @@ Walked walk(const std::string& name, const Traversal& traversal, float radius = 
   return walked;
 }
 
-TEST(StreetControls, KnowWhereTheShortestWayBegins) {
-  const auto map = small_states();
-  DistanceFields fields(*map);
-  std::vector<std::uint8_t> ways;
-  for (int state = 0; state < map->states(); ++state) ways.push_back(way_to(fields.to(0), *map, state));
-  EXPECT_EQ(ways, (std::vector<std::uint8_t>{kNone, kNone, kLeft, kForward, kLeft, kRight, kForward, kForward, kForward,
-                                             kForward, kLeft, kLeft, kForward}));
-}
-
 TEST(StreetControls, WalkTheFewestStepsWhereTheyKnowTheirState) {
   for (const StateRule rule : {StateRule::kStreet, StateRule::kStreetFixed, StateRule::kStreetLearn}) {
     const Traversal traversal = streets_traversal(small_streets(), rule);
@@ -86,7 +74,7 @@ TEST(StreetControls, BlindGoesToTheNearestPlaceWhereItHasNotBeen) {
   msg::Observation seen;
   seen.flags() = {msg::FLAG_FIRST};
   seen.position() = seen.goal() = seen.frame() = {0};
-  seen.previous_action() = {kNone};
+  seen.previous_action() = {+kNoAction};
   std::vector<std::uint8_t> choice, walked;
   for (int state = 0, step = 0; step < 9; ++step) {
     seen.allowed() = {map->allowed(state)};
@@ -101,37 +89,7 @@ TEST(StreetControls, BlindGoesToTheNearestPlaceWhereItHasNotBeen) {
   EXPECT_EQ(walked, (std::vector<std::uint8_t>{1, 1, 1, 1, 1, 1, 1, 1, kLeft}));
 }
 
-TEST(StreetFilter, MovesByTheMapAndExcludesByWhatIsAllowed) {
-  const Traversal traversal = streets_traversal();
-  const PlaceKeys<float> keys(Eigen::Map<const Matrix<float>>(traversal.features.data(), 16, 13), 16, 13, true);
-  SparseFilter<float> filter(keys, Motion<float>(0.2, 0), small_states());
-  const Matrix<float> features = Matrix<float>::Zero(16, 1);
-  SparseStep<float> step;
-  // What is seen is no evidence. Only states 7 and 8 allow no turn, and 8 is at the goal.
-  step.goal = 4;
-  step.allowed = kAheadOnly;
-  step.first = step.repeated = true;
-  filter.advance(features, 13, 16, 0, {&step, 1});
-  ASSERT_EQ(step.after.places, std::vector<int>{7});
-  EXPECT_FLOAT_EQ(step.after.shares[0], 1);
-  const SparseBelief<float> before = step.after;
-  step = {};
-  step.before = &before;
-  step.goal = 4;
-  step.action = kForward;
-  step.allowed = kTurns;
-  step.repeated = true;
-  filter.advance(features, 13, 16, 0, {&step, 1});
-  // .8 in state 12, .1 in 9, twice as far; .1 stayed in 7, where a turn is not allowed.
-  ASSERT_EQ(step.after.places, (std::vector<int>{12, 9}));
-  EXPECT_NEAR(step.after.shares[0], 8 / 9., 1e-6);
-  EXPECT_NEAR(step.after.shares[1], 1 / 9., 1e-6);
-  // The way to place 2 is straight on from both: 12, 9, 0, 2, 5.
-  const auto share = votes(step, DistanceFields(*small_states()).to(2), *small_states());
-  EXPECT_NEAR(share[kForward], 1, 1e-6);
-}
-
-TEST(StreetFilter, IsLostByWhatIsMoreThanAStepAway) {
+TEST(StreetBelief, IsLostByWhatIsMoreThanAStepAway) {
   const auto map = small_states();
   // Beside state 5: to 7, 4 and 6; from 2, 4, 6 and 8.
   Vector<float> scores = Vector<float>::Constant(13, -1e5f);
