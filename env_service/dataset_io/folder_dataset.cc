@@ -80,15 +80,27 @@ Traversal FolderDataset::pictured(const std::string& name, std::vector<std::stri
   return pictured(name, image_files(std::move(paths), folder_), where);
 }
 
-Traversal FolderDataset::filmed(const std::string& name, const std::string& video, double* began) const {
-  std::vector<double> times;
-  Traversal traversal = pictured(name, video_frames(video, folder_, &times, began), video);
-  traversal.times = std::move(times);
+Traversal FolderDataset::filmed(const std::string& name, const std::vector<std::string>& videos, double* began,
+                                std::vector<double>* begins) const {
+  std::vector<double> times, chapter;
+  std::vector<std::shared_ptr<Images>> parts;
+  bool timed = true;
+  for (const std::string& video : videos) {
+    parts.push_back(video_frames(video, folder_, &chapter, parts.empty() ? began : nullptr));
+    timed = timed && !chapter.empty();
+    if (!timed) continue;
+    // The first picture of a chapter follows the last one before it as that one follows its own.
+    const double begin = times.size() < 2 ? 0 : 2 * times.back() - times[times.size() - 2] - chapter[0];
+    if (begins) begins->push_back(begin);
+    for (const double time : chapter) times.push_back(begin + time);
+  }
+  Traversal traversal = pictured(name, parts.size() == 1 ? parts[0] : joined(std::move(parts)), videos[0]);
+  if (timed) traversal.times = std::move(times);
   return traversal;
 }
 
 Traversal FolderDataset::recorded(const std::string& name, const std::string& path) const {
-  if (!is_folder(path)) return filmed(name, path);
+  if (!is_folder(path)) return filmed(name, {path});
   std::vector<std::string> paths;
   for (const NumberedFile& file : numbered_files(path, image_suffixes())) paths.push_back(file.path);
   return pictured(name, std::move(paths), path);

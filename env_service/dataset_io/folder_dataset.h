@@ -40,8 +40,10 @@ class FolderDataset : public Dataset {
   Traversal pictured(const std::string& name, std::shared_ptr<Images> images, const std::string& where) const;
   /// Returns a traversal of image files.
   Traversal pictured(const std::string& name, std::vector<std::string> paths, const std::string& where) const;
-  /// Returns the traversal of a video, with the times of its frames. `began` as video_frames() has it.
-  Traversal filmed(const std::string& name, const std::string& video, double* began = nullptr) const;
+  /// Returns the traversal of a film, whose chapters these videos are, with the times of its frames. `began` as
+  /// video_frames() has it; `begins` becomes the time of each video's own second 0.
+  Traversal filmed(const std::string& name, const std::vector<std::string>& videos, double* began = nullptr,
+                   std::vector<double>* begins = nullptr) const;
   /// Returns the traversal of a folder of numbered pictures, or of a video.
   Traversal recorded(const std::string& name, const std::string& path) const;
 

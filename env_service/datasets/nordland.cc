@@ -80,7 +80,7 @@ class Nordland : public FolderDataset {
   Traversal read(const std::string& name) override {
     const std::string path = sources().at(name);
     std::vector<std::string> pictures = season_pictures(path);
-    if (pictures.empty()) return with_gps(filmed(name, is_folder(path) ? the_film_in(path) : path));
+    if (pictures.empty()) return with_gps(filmed(name, {is_folder(path) ? the_film_in(path) : path}));
     std::vector<double> times;
     for (const std::string& picture : pictures)
       times.push_back(static_cast<double>(last_number(stem_of(picture))) / rate_);

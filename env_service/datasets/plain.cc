@@ -33,7 +33,7 @@ constexpr int kPictureDepth = 3;   // folders below that of a traversal in which
 /// Your own traversals. Each is one of
 ///   NAME.csv           features: a frame a line, separated by commas, no header
 ///   NAME/              a folder of pictures, or that holds one with them, in the order of pictures_in()
-///   NAME.mp4, .avi ... a video, or a folder NAME with one
+///   NAME.mp4, .avi ... a film, or a folder NAME with one; all its chapters are one film
 /// Where nodes.txt and links.txt (StreetGraph) lie beside them, their frames may be views of that map (show_states).
 /// Where frames are, says the first of these that is there: NAME.poses.csv (or NAME/poses.csv) beside it (poses.h), a
 /// track NAME.gpx, .nmea, .kml or .geojson, a film's own track or NAME.srt, the pictures' EXIF data, or the only track
@@ -69,17 +69,19 @@ class Plain : public FolderDataset {
 
  private:
   Traversal read(const std::string& name) override {
-    const std::string path = sources().at(name);
-    Traversal traversal = recorded_at(name, path);
-    if (const auto map = rule_ == StateRule::kLine ? nullptr : streets()) show_states(traversal, *map, rule_, path);
+    const std::vector<std::string> paths = sources().at(name);
+    Traversal traversal = recorded_at(name, paths);
+    if (const auto map = rule_ == StateRule::kLine ? nullptr : streets()) show_states(traversal, *map, rule_, paths[0]);
     return traversal;
   }
 
-  Traversal recorded_at(const std::string& name, const std::string& path) const {
+  Traversal recorded_at(const std::string& name, const std::vector<std::string>& paths) const {
+    const std::string& path = paths[0];
     double began = std::nan("");  // when the clock of the frames' times was 0
+    std::vector<double> begins;   // of a film's chapters, on it
     Traversal traversal = is_folder(path)                 ? photographed(name, path, began)
                           : lower(path).ends_with(".csv") ? featured(name, path)
-                                                          : filmed(name, path, &began);
+                                                          : filmed(name, paths, &began, &begins);
     const std::string inside = folder_ + "/" + name + "/poses.csv";
     std::string beside;
     for (const std::string& file : files_in(folder_, {kPoses}))
@@ -99,7 +101,7 @@ class Plain : public FolderDataset {
           follow(traversal, track, began);
           return traversal;
         }
-    if (!is_folder(path) && follow_own(traversal, path)) return traversal;
+    if (!is_folder(path) && follow_own(traversal, paths, begins)) return traversal;
     if (tracks.size() == 1 && traversal.places_from.empty()) try {
         follow(traversal, tracks[0], began);
       } catch (const Error& error) {  // it may be another drive's
@@ -123,11 +125,17 @@ class Plain : public FolderDataset {
 
   /// Gives a film's frames their places on the track that it holds itself, or that NAME.srt holds. Returns false when
   /// there is none.
-  bool follow_own(Traversal& traversal, const std::string& film) const {
+  bool follow_own(Traversal& traversal, const std::vector<std::string>& film, const std::vector<double>& begins) const {
     std::string kind;
-    GpsRows rows = read_film_track(film, kind);
+    GpsRows rows;
+    for (std::size_t i = 0; i < film.size(); ++i) {
+      const GpsRows chapter = read_film_track(film[i], kind);
+      if (rows.log.empty()) rows.log = chapter.log;
+      for (std::size_t row = 0; row < chapter.times.size(); ++row)
+        rows.add(begins[i] + chapter.times[row], chapter.latitude[row], chapter.longitude[row]);
+    }
     for (const std::string& file : files_of(traversal.name, {".srt"}))
-      if (rows.times.empty() && is_called(file, traversal.name, film)) {
+      if (rows.times.empty() && is_called(file, traversal.name, film[0])) {
         rows = read_film_track(folder_ + "/" + file, kind);
         kind = file;
       }
@@ -230,29 +238,31 @@ class Plain : public FolderDataset {
     return file >> first && (std::isalpha(static_cast<unsigned char>(first)) || first == '"');
   }
 
-  /// Returns the path of each traversal, by name.
-  std::map<std::string, std::string> sources() const {
-    std::map<std::string, std::string> found;
-    const auto add = [&](const std::string& name, const std::string& file) {
-      const auto [at, added] = found.emplace(name, folder_ + "/" + file);
+  /// Returns the path of each traversal, by name; of a film those of its chapters.
+  std::map<std::string, std::vector<std::string>> sources() const {
+    std::map<std::string, std::vector<std::string>> found;
+    const auto add = [&](const std::string& name, const std::vector<std::string>& files) {
+      const auto [at, added] = found.try_emplace(name);
       if (!added)
-        throw Error("traversal '" + name + "' is both " + fs::path(at->second).filename().string() + " and " + file,
-                    folder_, "rename or remove one of them");
+        throw Error(
+            "traversal '" + name + "' is both " + fs::path(at->second[0]).filename().string() + " and " + files[0],
+            folder_, "rename or remove one of them");
+      for (const std::string& file : files) at->second.push_back(folder_ + "/" + file);
     };
     try {
-      for (const std::string& file : files_in(folder_, video_suffixes())) add(stem_of(file), file);
+      for (const auto& film : films_in(folder_, "")) add(stem_of(film[0]), film);
       for (const std::string& name : folders_in(folder_))
         if (!picture_folders(folder_ + "/" + name, kPictureDepth).empty())
-          add(name, name);
-        else if (const auto films = files_in(folder_ + "/" + name, video_suffixes()); films.size() == 1)
-          add(name, name + "/" + films[0]);
+          add(name, {name});
+        else if (const auto films = films_in(folder_, name); films.size() == 1)
+          add(name, films[0]);
       // Beside pictures, a table whose columns have names describes them. Where there are no pictures, it is meant
       // as features, and reading it will say what is wrong.
       const bool pictures = !found.empty();
       for (const std::string& file : files_in(folder_, {".csv"}))
         if (file != kMatches && !lower(file).ends_with(kPoses) &&
             !(pictures && begins_with_a_letter(folder_ + "/" + file)))
-          add(file.substr(0, file.size() - 4), file);
+          add(file.substr(0, file.size() - 4), {file});
     } catch (const Error& error) {
       if (is_folder(folder_)) throw;
       throw Error(error.what(), "", "--data names the folder that holds NAME/, NAME.mp4 or NAME.csv");

@@ -54,7 +54,7 @@ class StLuciaMultipleTimes : public FolderDataset {
     std::vector<std::string> paths;
     for (const NumberedFile& file : pictures) paths.push_back(file.path);
     Traversal traversal =
-        paths.empty() ? filmed(name, below(drive, videos.front())) : pictured(name, std::move(paths), drive);
+        paths.empty() ? filmed(name, {below(drive, videos.front())}) : pictured(name, std::move(paths), drive);
 
     const std::string log = first_file(drive, {"fGPS.txt", "fgps.txt", "GPS.txt"});
     if (log.empty()) return traversal;

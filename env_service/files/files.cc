@@ -4,7 +4,9 @@
 #include <strings.h>
 
 #include <algorithm>
+#include <cctype>
 #include <filesystem>
+#include <map>
 
 #include "core/util/error.h"
 
@@ -100,6 +102,38 @@ const std::vector<std::string>& video_suffixes() {
                                                  ".vob", ".webm", ".wmv", ".ts",  ".m2ts", ".mts",  ".3gp",
                                                  ".3g2", ".flv",  ".f4v", ".ogv", ".asf",  ".divx", ".mxf"};
   return suffixes;
+}
+
+std::vector<std::vector<std::string>> films_in(const std::string& folder, const std::string& within) {
+  const auto upper = [](std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::toupper(c); });
+    return text;
+  };
+  const fs::path inside(within);
+  std::vector<std::vector<std::string>> films;
+  std::map<std::string, std::map<int, std::string>> chaptered;  // by what all chapters' names share
+  for (const std::string& file : files_in(within.empty() ? folder : below(folder, within), video_suffixes())) {
+    const std::string name = upper(stem_of(file)), kind = upper(fs::path(file).extension().string());
+    std::string path = (inside / file).string(), shared;
+    int chapter = 0;
+    if (has_form(name, "GOPR0000")) {
+      shared = "GP" + name.substr(4);
+    } else if (has_form(name, "GP000000") || has_form(name, "GH000000") || has_form(name, "GX000000")) {
+      shared = name.substr(0, 2) + name.substr(4);
+      chapter = std::stoi(name.substr(2, 2));
+    }
+    if (shared.empty() || !chaptered[shared + kind].try_emplace(chapter, path).second)
+      films.push_back({std::move(path)});
+  }
+  for (auto& [shared, chapters] : chaptered) {
+    std::vector<std::string>& film = films.emplace_back();
+    for (int next = chapters.begin()->first; auto& [chapter, file] : chapters) {
+      if (chapter != next++)
+        throw Error("the chapter before it is not there", below(folder, file), "copy it too, or move this one away");
+      film.push_back(std::move(file));
+    }
+  }
+  return films;
 }
 
 bool is_folder(const std::string& path) {

@@ -32,6 +32,11 @@ const std::vector<std::string>& image_suffixes();
 const std::vector<std::string>& unread_image_suffixes();
 const std::vector<std::string>& video_suffixes();
 
+/// Returns the films in `folder`, or in its folder `within`, each as the paths below `folder` of its chapters
+/// in order: GoPros begin a new file every few gigabytes. GX010123, GX020123 and GX030123, and GOPR0123, GP010123 and
+/// GP020123, are chapters of one film. Throws Error naming the file whose chapter before is not there.
+std::vector<std::vector<std::string>> films_in(const std::string& folder, const std::string& within);
+
 bool is_folder(const std::string& path);
 bool is_file(const std::string& path);
 /// "/a" and "b" become "/a/b".

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <list>
 #include <map>
+#include <numeric>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -287,6 +288,36 @@ class Picked : public DerivedImages {
   std::vector<int> which_;
 };
 
+class Joined : public Images {
+ public:
+  explicit Joined(std::vector<std::shared_ptr<Images>> parts) : parts_(std::move(parts)) {}
+  int frames() const override {
+    return std::accumulate(parts_.begin(), parts_.end(), 0, [](int sum, auto& part) { return sum + part->frames(); });
+  }
+  void read(int frame, Bytes& bytes) override { part(frame).read(frame, bytes); }
+  std::string name(int frame) const override {
+    const Images& images = part(frame);
+    return images.name(frame);
+  }
+  std::uint64_t fingerprint(int frame) const override {
+    const Images& images = part(frame);
+    return images.fingerprint(frame);
+  }
+  std::string fault(int frame) const override {
+    const Images& images = part(frame);
+    return images.fault(frame);
+  }
+
+ private:
+  /// Returns the part that has a frame, which becomes the frame of this part.
+  Images& part(int& frame) const {
+    auto at = parts_.begin();
+    for (; at + 1 != parts_.end() && frame >= (*at)->frames(); ++at) frame -= (*at)->frames();
+    return **at;
+  }
+  const std::vector<std::shared_ptr<Images>> parts_;
+};
+
 class Cached : public DerivedImages {
  public:
   Cached(std::shared_ptr<Images> images, std::size_t most) : DerivedImages(std::move(images)), most_(most) {}
@@ -333,6 +364,10 @@ std::shared_ptr<Images> stacked(std::shared_ptr<Images> above, std::shared_ptr<I
 
 std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which) {
   return std::make_shared<Picked>(std::move(images), std::move(which));
+}
+
+std::shared_ptr<Images> joined(std::vector<std::shared_ptr<Images>> parts) {
+  return std::make_shared<Joined>(std::move(parts));
 }
 
 std::shared_ptr<Images> cached(std::shared_ptr<Images> images, std::size_t most) {

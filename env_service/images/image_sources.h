@@ -39,6 +39,9 @@ std::shared_ptr<Images> stacked(std::shared_ptr<Images> above, std::shared_ptr<I
 /// Returns the frames `which` of `images`, in that order; indices may repeat.
 std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which);
 
+/// Returns the frames of all of these, one after the other; at least one.
+std::shared_ptr<Images> joined(std::vector<std::shared_ptr<Images>> parts);
+
 /// `images` with a cache of the last pictures read, at most `most` bytes of them.
 std::shared_ptr<Images> cached(std::shared_ptr<Images> images, std::size_t most = std::size_t{32} << 20);
 

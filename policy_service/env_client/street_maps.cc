@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "core/exchange/timing.h"
+#include "core/wire/streets.h"
 
 namespace citylearn {
 
@@ -61,13 +62,11 @@ bool StreetMaps::take(const msg::TraversalInfo& info, const msg::StreetsChunk& c
 
 std::shared_ptr<const StateMap> StreetMaps::read(const msg::TraversalInfo& info, const Bytes& bytes) const {
   if (bytes.empty()) throw Error("has no street map");
-  const auto sent = decode_object<msg::Streets>(bytes);
-  const StreetMap map{sent.east(), sent.north(), sent.from(), sent.to(), sent.heading()};
+  const StreetMap map = decode_streets(bytes);
   if (map.places() != info.places() || map.links() != info.links())
     throw Error(fmt::format("serves a street map of {} places and {} links, and announced {} and {}", map.places(),
                             map.links(), info.places(), info.links()));
   if (map.hash() != info.streets_hash()) throw Error("serves another street map than it announced");
-  map.check();
   return std::make_shared<const StateMap>(map, static_cast<StateRule>(info.rule()), msg::MAX_FRAMES);
 }
 

@@ -5,6 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "core/wire/streets.h"
 #include "core/exchange/object.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/network/street_votes.h"
@@ -128,10 +129,7 @@ class Mapmaker {
         server_(
             [served](const ObjectKey& key) -> std::shared_ptr<const ObjectBytes> {
               if (!served) return nullptr;
-              msg::Streets streets;
-              streets.east() = served->east, streets.north() = served->north;
-              streets.from() = served->from, streets.to() = served->to, streets.heading() = served->heading;
-              return std::make_shared<ObjectBytes>(key, encode_object(streets));
+              return std::make_shared<ObjectBytes>(key, encode_streets(*served));
             },
             node_.traffic.rejected) {
     node_.create_reader<msg::StreetsRequest>();

@@ -136,10 +136,15 @@ void survive(const Plan& plan) {
   ASSERT_EQ(town["dashboard"].end(SIGTERM, kLongWait), 0) << town["dashboard"].output();
 
   const Ledger recorded = in_store(town.store()), learned = in_csv(town.out() + "/episodes.csv");
-  for (const auto& [source, episodes] : counted) {
-    EXPECT_EQ(recorded.at(source), episodes) << source.id;
-    EXPECT_EQ(learned.at(source), episodes) << source.id;
-  }
+  for (const auto& [source, episodes] : counted)
+    for (const Ledger* ledger : {&recorded, &learned}) {
+      const auto found = ledger->find(source);
+      EXPECT_TRUE(found != ledger->end() && found->second == episodes)
+          << source.id << " " << source.incarnation << ": " << episodes.size() << " episodes, "
+          << (ledger == &recorded ? "recorded: " : "learned from: ")
+          << (found == ledger->end() ? 0 : found->second.size()) << " of it, " << entries(*ledger) << " of all\n"
+          << town["policy"].output() << last->output() << town[source.id].output();
+    }
   expect_all_acknowledged(recorded, witness.acknowledged["dashboard"]);
   expect_all_acknowledged(learned, witness.acknowledged["policy"]);
 

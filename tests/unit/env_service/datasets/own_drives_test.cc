@@ -242,6 +242,53 @@ TEST(FilmTracks, LieInTheFolderOfTheFilmToo) {
   EXPECT_EQ(plain->load("monday").latitude[0], 48);
 }
 
+TEST(FilmTracks, ChaptersTellTheirPlacesInTurn) {
+  if (std::system("ffmpeg -version >/dev/null 2>&1") != 0) GTEST_SKIP() << "skipped: no ffmpeg";
+  const Folder folder;
+  std::filesystem::create_directory(folder / "drives");
+  ASSERT_TRUE(write_video(folder / "made.avi", 50));  // 2 s
+  for (const int chapter : {1, 2}) {
+    const auto subtitle = [&](int second) {
+      return std::to_string(second + 1) + "\n00:00:0" + std::to_string(second) + ",000 --> 00:00:0" +
+             std::to_string(second + 1) + ",000\n[latitude: 48.000" + std::to_string(2 * chapter + second) +
+             "] [longitude: 11]\n\n";
+    };
+    make_file(folder / "made.srt", subtitle(0) + subtitle(1));
+    const std::string film = folder / ("drives/GX0" + std::to_string(chapter) + "0009.mkv");
+    const std::string command =
+        "ffmpeg -nostdin -v fatal -i " + (folder / "made.avi") + " -i " + (folder / "made.srt") + " -c copy " + film;
+    ASSERT_EQ(std::system(command.c_str()), 0);
+  }
+  const Traversal film = make_dataset("plain", folder / "drives")->load("GX010009");
+  ASSERT_EQ(film.frames, 100);
+  for (const int frame : {0, 25, 50, 75})  // 25 frames and .0001 degrees a second
+    EXPECT_NEAR(film.latitude[static_cast<std::size_t>(frame)], 48.0002 + frame * 4e-6, 1e-7) << frame;
+}
+
+TEST(FilmTracks, ChaptersOfAGoProAreOneFilm) {
+  const Folder folder;
+  std::filesystem::create_directory(folder / "monday");
+  const auto chapter = [&](const std::string& name) { ASSERT_TRUE(write_video(folder / ("monday/" + name), 50)); };
+  for (const std::string name : {"GX020007.AVI", "gx010007.avi", "GX030007.AVI"}) chapter(name);
+  const auto plain = make_dataset("plain", folder.path());
+  EXPECT_EQ(plain->names(), Names{"monday"});
+  const Traversal film = plain->load("monday");
+  ASSERT_EQ(film.frames, 150);
+  EXPECT_EQ(film.images->name(49), "monday/gx010007.avi, frame 49");
+  EXPECT_EQ(film.images->name(100), "monday/GX030007.AVI, frame 0");
+  EXPECT_NEAR(film.times[50], 2, 1e-9) << "25 pictures a second";
+  EXPECT_NEAR(film.times[149], 5.96, 1e-9);
+  std::filesystem::remove(folder / "monday/GX020007.AVI");
+  EXPECT_TRUE(contains(error_of([&] { plain->load("monday"); }),
+                       "monday/GX030007.AVI: the chapter before it is not there (copy it too, or move this one away)"));
+  std::filesystem::remove_all(folder / "monday");
+  std::filesystem::create_directory(folder / "monday");
+  for (const std::string name : {"GP010008.AVI", "GOPR0008.AVI"}) chapter(name);
+  EXPECT_EQ(plain->load("monday").images->name(50), "monday/GP010008.AVI, frame 0");
+  chapter("GOPR0009.AVI");
+  EXPECT_EQ(plain->names(), Names{}) << "two films: which one is the traversal's cannot be told";
+}
+
 /// By exiftool 12.57, -ee -v3: the first samples of the packets at 0 s and 2 s of the film.
 TEST(FilmTracksReal, AGoProTellsItsPlaces) {
   const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "formats/gopro");
