@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // env_services on streets: their maps are fetched and checked, and they are walked as in process.
+#include "core/wire/streets.h"
+
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 
 #include <nlohmann/json.hpp>
 
-#include "core/wire/streets.h"
 #include "core/exchange/object.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/network/street_votes.h"
