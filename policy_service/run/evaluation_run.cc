@@ -208,7 +208,7 @@ void EvaluationRun::evaluate_all() {
   evaluate(options.agent, false, agent, known(options.agent));
   for (const std::string& name : options.controls) {
     if (name == options.agent) continue;
-    if (name == "shuffled" && context_.streets_on(traversals.front())) {
+    if (name == "shuffled" && !traversals.empty() && context_.streets_on(traversals.front())) {
       spdlog::warn("skipping shuffled: the frames of streets are not shuffled");
     } else if (name == "shuffled") {
       evaluate(options.agent, true, agent, traversals);

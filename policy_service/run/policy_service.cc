@@ -74,7 +74,7 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
   number_ranks(options);
   options.cap_steps = options.max_steps == 0;
   if (options.cap_steps) options.max_steps = options.frames;
-  if (!std::isfinite(options.goal_radius)) throw Error("is not a number", "--goal-radius");
+  if (!std::isfinite(options.goal_radius)) throw Error("is not finite", "--goal-radius");
   if (options.goal_radius > 0 && options.role != "both")
     throw Error("is for --role both", "--goal-radius", "an actor does not learn of it");
   if (std::find(options.controls.begin(), options.controls.end(), "all") != options.controls.end()) {

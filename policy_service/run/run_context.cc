@@ -35,6 +35,7 @@ void RunContext::require(std::optional<int> feature_dimension, const TrainingDat
   required.first_frame = static_cast<std::uint32_t>(options.first_frame);
   required.frames = options.cap_frames || all_frames_ ? 0 : static_cast<std::uint32_t>(options.frames);
   required.streets = streets_;
+  feature_dimension_ = feature_dimension;
   if (feature_dimension) required.feature_dimension = static_cast<std::uint32_t>(*feature_dimension);
   required.learned = learned_ = learned;
   client.require(std::move(required));
@@ -58,7 +59,7 @@ void RunContext::fit_route(const std::vector<EnvHandle*>& envs) {
     if (options.cap_steps) options.max_steps = frames;
     options.frames = frames;
   }
-  require();
+  require(feature_dimension_, learned_);
 }
 
 std::shared_ptr<const StateMap> RunContext::streets_on(const std::string& traversal) const {

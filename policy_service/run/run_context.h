@@ -85,9 +85,10 @@ class RunContext {
   bool free(const EnvHandle& env) const;
 
   std::map<std::string, std::vector<float>> features_;  ///< by traversal
-  TrainingData learned_;
-  std::optional<bool> streets_;  ///< whether the run is on them; unset: not known yet
-  bool all_frames_ = false;      ///< on streets, each traversal's route is all of its frames
+  std::optional<int> feature_dimension_;                ///< that is required
+  TrainingData learned_;                                ///< likewise
+  std::optional<bool> streets_;                         ///< whether the run is on them; unset: not known yet
+  bool all_frames_ = false;                             ///< on streets, each traversal's route is all of its frames
 };
 
 }  // namespace citylearn
