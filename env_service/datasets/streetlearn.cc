@@ -17,23 +17,20 @@
 namespace citylearn {
 namespace {
 
-/// Crops of panoramas: frame i shows panorama which[i] at headings[i].
-class Views : public Images {
+/// Crops of panoramas, each at its own heading.
+class Views : public DerivedImages {
  public:
-  Views(std::shared_ptr<Images> panoramas, std::vector<int> which, std::vector<double> headings, View view)
-      : panoramas_(std::move(panoramas)), which_(std::move(which)), headings_(std::move(headings)), view_(view) {}
+  Views(std::shared_ptr<Images> panoramas, std::vector<double> headings, View view)
+      : DerivedImages(std::move(panoramas)), headings_(std::move(headings)), view_(view) {}
 
-  int frames() const override { return static_cast<int>(which_.size()); }
-  std::string name(int frame) const override { return panoramas_->name(at(frame)); }
-  std::string fault(int frame) const override { return panoramas_->fault(at(frame)); }
   void read(int frame, Bytes& bytes) override {
-    panoramas_->read(at(frame), panorama_);
+    images_->read(frame, panorama_);
     View view = view_;
     view.heading = headings_[static_cast<std::size_t>(frame)];
-    encode_png(crop_panorama(decode_image(panorama_, name(frame)), view), bytes);
+    encode_png(crop_panorama(decode_image(panorama_, images_->name(frame)), view), bytes);
   }
   std::uint64_t fingerprint(int frame) const override {
-    std::uint64_t hash = panoramas_->fingerprint(at(frame));
+    std::uint64_t hash = images_->fingerprint(frame);
     for (const double value :
          {headings_[static_cast<std::size_t>(frame)], view_.field, static_cast<double>(view_.size)}) {
       std::uint64_t bits = 0;
@@ -44,9 +41,6 @@ class Views : public Images {
   }
 
  private:
-  int at(int frame) const { return which_[static_cast<std::size_t>(frame)]; }
-  const std::shared_ptr<Images> panoramas_;
-  std::vector<int> which_;
   std::vector<double> headings_;  // of the view within the panorama: 0 is its middle column
   View view_;
   Bytes panorama_;
@@ -147,17 +141,15 @@ class StreetLearn : public FolderDataset {
     if (on_streets()) return read_streets(name);
     const auto found = std::find_if(routes_.begin(), routes_.end(), [&](auto& route) { return route.first == name; });
     std::vector<std::string> ids;
-    std::vector<int> which;
     std::vector<double> headings, latitude, longitude;
     for (const StreetStep& step : graph_->walk(found->second, below(folder_, "route " + name))) {
       const StreetPlace& place = graph_->places()[static_cast<std::size_t>(step.place)];
-      which.push_back(static_cast<int>(ids.size()));
       ids.push_back(place.id);
       headings.push_back(step.heading - place.yaw);
       latitude.push_back(place.latitude);
       longitude.push_back(place.longitude);
     }
-    Traversal traversal = viewed(name, std::move(ids), std::move(which), std::move(headings));
+    Traversal traversal = viewed(name, panoramas(std::move(ids)), std::move(headings));
     locate(traversal, latitude, longitude);
     return traversal;
   }
@@ -176,17 +168,13 @@ class StreetLearn : public FolderDataset {
       headings.push_back(static_cast<double>(states.heading(state)) -
                          graph_->places()[static_cast<std::size_t>(which.back())].yaw);
     }
-    Traversal traversal = viewed(name, std::move(ids), std::move(which), std::move(headings));
+    Traversal traversal = viewed(name, picked(panoramas(std::move(ids)), std::move(which)), std::move(headings));
     set_streets(traversal, *graph_, map, *rule_, states);
     return traversal;
   }
 
-  /// Returns views of panoramas, as Views has them.
-  Traversal viewed(const std::string& name, std::vector<std::string> ids, std::vector<int> which,
-                   std::vector<double> headings) const {
-    return pictured(
-        name, cached(std::make_shared<Views>(panoramas(std::move(ids)), std::move(which), std::move(headings), view_)),
-        folder_);
+  Traversal viewed(const std::string& name, std::shared_ptr<Images> panoramas, std::vector<double> headings) const {
+    return pictured(name, cached(std::make_shared<Views>(std::move(panoramas), std::move(headings), view_)), folder_);
   }
 
   std::shared_ptr<Images> panoramas(std::vector<std::string> ids) const {
@@ -259,8 +247,7 @@ class StreetLearn : public FolderDataset {
 const DatasetRegistry::Registration streetlearn_registration({
     "streetlearn",
     "StreetLearn: routes through a graph of street panoramas, a LevelDB or files; with --rule street traversal "
-    "streets, "
-    "the whole graph",
+    "streets, the whole graph",
     {{"fov", "field of view of the crop, degrees", 90, 30, 120},
      {"size", "width and height of the crop, pixels", 224, 84, 512, true},
      {"routes", "number of routes to find when there is no routes.txt", 4, 1, 64, true}},

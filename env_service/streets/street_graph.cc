@@ -12,6 +12,7 @@
 #include <fstream>
 #include <functional>
 #include <limits>
+#include <map>
 #include <queue>
 
 #include "core/util/error.h"
@@ -241,10 +242,13 @@ std::vector<std::string> StreetGraph::description() const {
   std::vector<std::pair<std::size_t, std::size_t>> ends;
   std::size_t junctions = 0, dead_ends = 0, one_way = 0;
   Finding opposed, shared, apart;
-  Grid spots(kOneSpot);
+  std::map<std::pair<long, long>, int> spots;  // places, by 1e-7 degrees, a centimetre
+  const auto spot = [](const StreetPlace& place) {
+    return std::pair(std::lround(place.latitude * 1e7), std::lround(place.longitude * 1e7));
+  };
   for (std::size_t from = 0; from < places_.size(); ++from) {
     const StreetPlace& place = places_[from];
-    spots.add(on_earth(place.latitude, place.longitude), static_cast<int>(from));
+    ++spots[spot(place)];
     junctions += place.links.size() > 2;
     dead_ends += place.links.size() == 1;
     for (const StreetLink& link : place.links) {
@@ -264,11 +268,9 @@ std::vector<std::string> StreetGraph::description() const {
                            boost::make_iterator_property_map(parts.begin(), boost::get(boost::vertex_index, graph)));
   for (const std::size_t part : parts) ++sizes[part];
   const auto largest = static_cast<std::size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
-  std::vector<Grid::Near> near;
   for (std::size_t place = 0; place < places_.size(); ++place) {
     if (parts[place] != largest) apart.add(places_[place].id);
-    spots.near(on_earth(places_[place].latitude, places_[place].longitude), near);
-    if (near.size() > 1) shared.add(places_[place].id);
+    if (spots[spot(places_[place])] > 1) shared.add(places_[place].id);
   }
   std::vector<std::string> lines{
       fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}", places_.size(), links_,
