@@ -172,7 +172,10 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
     for (const auto& [id, env] : client.envs())
       if (free(*env)) traversals.insert(env->traversal());
   if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train.front());
-  wait_for_envs(traversals, 1);
+  std::set<std::string> awaited = traversals;
+  if (options.agent == "sequence_filter" && options.checkpoint.empty())  // it remembers what they show
+    awaited.insert(options.train.begin(), options.train.end());
+  wait_for_envs(awaited, 1);
   std::vector<EnvHandle*> envs;
   for (const std::string& traversal : traversals) envs.push_back(env_on(traversal));
   return envs;
