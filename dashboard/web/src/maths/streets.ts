@@ -1,45 +1,63 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { TraversalMap } from '../api/types';
-import type { Point, View } from './geometry';
+import { greatest, least, type Point, type View } from './geometry';
 
 type Streets = NonNullable<TraversalMap['streets']>;
+
+/** The places of a street from one junction, dead end or corner of the map to the next. */
+export interface Street {
+  points: Point[];
+  left: number;
+  right: number;
+  top: number;
+  bottom: number;
+}
 
 /** Streets on a plane in metres, y falling to the north. */
 export interface StreetPlane {
   /** Where each place is, and each state. */
   places: Point[];
   states: Point[];
-  /** The two ends of each line, once for both directions: x, y, x, y. */
-  lines: Float32Array;
+  /** Each link is part of one street, which stands for both directions. */
+  streets: Street[];
   /** Of each state, degrees clockwise from north. */
   heading: readonly number[];
 }
 
 export function planeOfStreets({ east, north, from, to, place, heading }: Streets): StreetPlane {
   const places = east.map((x, i) => ({ x, y: -(north[i] ?? 0) }));
-  const at = (index: number | undefined): Point => places[index ?? -1] ?? { x: 0, y: 0 };
-  const seen = new Set<number>();
-  const ends: number[] = [];
+  const at = (index: number): Point => places[index] ?? { x: 0, y: 0 };
+  const beside: Set<number>[] = places.map(() => new Set());
   from.forEach((a, i) => {
     const b = to[i] ?? a;
-    const key = Math.min(a, b) * places.length + Math.max(a, b);
-    if (seen.has(key)) return;
-    seen.add(key);
-    ends.push(at(a).x, at(a).y, at(b).x, at(b).y);
+    beside[a]?.add(b);
+    beside[b]?.add(a);
   });
-  return { places, states: place.map(at), lines: Float32Array.from(ends), heading };
+  const passed = (index: number): boolean => beside[index]?.size === 2;
+  const ends = places.map((_, index) => index).filter((index) => !passed(index));
+  const left: Set<number>[] = beside.map((others) => new Set(others)); // those to which no street leads yet
+  const streets: Street[] = [];
+  // Rings have no end: the rest begins anywhere.
+  for (const start of [...ends, ...places.keys()])
+    for (const first of [...(left[start] ?? [])]) {
+      if (!left[start]?.has(first)) continue;
+      const points = [at(start)];
+      for (let here = start, next: number | undefined = first; next !== undefined; ) {
+        left[here]?.delete(next);
+        left[next]?.delete(here);
+        points.push(at(next));
+        here = next;
+        next = passed(here) ? [...(left[here] ?? [])][0] : undefined;
+      }
+      const [xs, ys] = [points.map((point) => point.x), points.map((point) => point.y)];
+      streets.push({ points, left: least(xs), right: greatest(xs), top: least(ys), bottom: greatest(ys) });
+    }
+  return { places, states: place.map(at), streets, heading };
 }
 
-/** Calls `draw` for each line that may be on the screen. Returns how many. */
-export function eachVisible({ lines }: StreetPlane, view: View, width: number, height: number, draw: (x1: number, y1: number, x2: number, y2: number) => void): number {
+/** Returns the streets that may be on the screen. */
+export function visibleStreets({ streets }: StreetPlane, view: View, width: number, height: number): Street[] {
   const [left, top] = [-view.x / view.scale, -view.y / view.scale];
   const [right, bottom] = [left + width / view.scale, top + height / view.scale];
-  let count = 0;
-  for (let i = 0; i < lines.length; i += 4) {
-    const [x1, y1, x2, y2] = [lines[i] as number, lines[i + 1] as number, lines[i + 2] as number, lines[i + 3] as number];
-    if (Math.max(x1, x2) < left || Math.min(x1, x2) > right || Math.max(y1, y2) < top || Math.min(y1, y2) > bottom) continue;
-    draw(x1, y1, x2, y2);
-    ++count;
-  }
-  return count;
+  return streets.filter((one) => one.right >= left && one.left <= right && one.bottom >= top && one.top <= bottom);
 }
