@@ -128,6 +128,19 @@ void StateMap::add_predecessors() {
   each([&](std::size_t to, int state) { before_[static_cast<std::size_t>(at[to]++)] = state; });
 }
 
+int StateMap::after(int state, std::uint8_t action, int times) const {
+  for (int i = 0; i < times; ++i)
+    if (const int to = next(state, action); to >= 0) state = to;
+  return state;
+}
+
+std::uint8_t StateMap::allowed(int state) const {
+  std::uint8_t mask = 0;
+  for (std::uint8_t action = 0; action < kActions; ++action)
+    mask = static_cast<std::uint8_t>(mask | (next(state, action) >= 0) << action);
+  return mask;
+}
+
 std::vector<std::uint16_t> StateMap::steps_to(const std::vector<int>& goals) const {
   std::vector<std::uint16_t> steps(static_cast<std::size_t>(states_), kNoWay);
   std::vector<int> queue;

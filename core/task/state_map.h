@@ -47,18 +47,9 @@ class StateMap {
     return to < places_ ? to : -1;
   }
   /// Returns where an action leads that is done `times` times. What is not allowed comes to nothing.
-  int after(int state, std::uint8_t action, int times) const {
-    for (int i = 0; i < times; ++i)
-      if (const int to = next(state, action); to >= 0) state = to;
-    return state;
-  }
+  int after(int state, std::uint8_t action, int times) const;
   /// Returns bit a set where action a is allowed.
-  std::uint8_t allowed(int state) const {
-    std::uint8_t mask = 0;
-    for (std::uint8_t action = 0; action < kActions; ++action)
-      mask = static_cast<std::uint8_t>(mask | (next(state, action) >= 0) << action);
-    return mask;
-  }
+  std::uint8_t allowed(int state) const;
   /// Returns the heading that a state of streets looks to, degrees clockwise from north.
   float heading(int state) const { return heading_[static_cast<std::size_t>(state)]; }
   /// Returns the states in which an episode may begin on streets: those of a place that can be left; under kStreetLearn
