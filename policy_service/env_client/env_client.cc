@@ -205,10 +205,8 @@ void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
 /// Takes street maps, asks for those of env_services that are to join, and lets them join.
 void EnvClient::handle_streets() {
   for (msg::StreetsChunk chunk; node_.take(chunk);)
-    if (EnvHandle* env = known(chunk.header()))
-      contain(*env, [&] {
-        if (!streets_.take(env->info, chunk)) rejections_.add(chunk.header(), "a damaged street map");
-      });
+    if (const EnvHandle* env = known(chunk.header()); env && !streets_.take(env->info, chunk))
+      rejections_.add(chunk.header(), "a wrong street map");
   for (const auto& [id, env] : envs_) {
     if (!env->joining || !env->alive()) {
       streets_.forget(id);

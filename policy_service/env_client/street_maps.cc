@@ -35,11 +35,12 @@ std::shared_ptr<const StateMap> StreetMaps::find_or_ask(const msg::TraversalInfo
                         .most_tries = tries_,
                         .max_bytes = 64 + std::uint64_t{8} * info.places() + std::uint64_t{12} * info.links()});
     object.want(0);
-    fetch = fetches_.try_emplace(id, Fetch{key, std::move(object)}).first;
+    fetch = fetches_.try_emplace(id, Fetch{key, std::move(object), ""}).first;
   }
   if (fetch->second.object.gave_up(Clock::now())) {
+    const std::string problem = fetch->second.problem;
     fetches_.erase(fetch);
-    throw Error("does not send its street map");
+    throw Error(problem.empty() ? "does not send its street map" : problem);
   }
   request_.server() = id.c_str();
   if (fetch->second.object.ask(Clock::now(), request_)) node_.publish(request_);
@@ -49,15 +50,21 @@ std::shared_ptr<const StateMap> StreetMaps::find_or_ask(const msg::TraversalInfo
 bool StreetMaps::take(const msg::TraversalInfo& info, const msg::StreetsChunk& chunk) {
   const auto fetch = fetches_.find(info.header().sender().c_str());
   if (fetch == fetches_.end()) return true;
-  const bool whole = fetch->second.object.take(chunk, Clock::now()) != Taken::kDamaged;
-  if (const auto object = fetch->second.object.next()) {
-    const Key key = fetch->second.key;
-    fetches_.erase(fetch);
+  auto& [key, object, problem] = fetch->second;
+  if (object.take(chunk, Clock::now()) == Taken::kDamaged) return false;
+  const auto complete = object.next();
+  if (!complete) return true;
+  try {
     std::erase_if(maps_, [&](const auto& map) { return maps_.size() >= kMaxMaps && map.second.use_count() == 1; });
     if (maps_.size() >= kMaxMaps) throw Error(fmt::format("walks on the {}th map of streets in use", kMaxMaps + 1));
-    maps_[key] = read(info, object->bytes);
+    maps_[key] = read(info, complete->bytes);
+    fetches_.erase(fetch);
+    return true;
+  } catch (const Error& error) {
+    object.refuse(complete->item);
+    problem = error.what();
+    return false;
   }
-  return whole;
 }
 
 std::shared_ptr<const StateMap> StreetMaps::read(const msg::TraversalInfo& info, const Bytes& bytes) const {

@@ -23,10 +23,10 @@ class StreetMaps {
   StreetMaps(Node& node, std::chrono::milliseconds patience);
 
   /// Returns the states that an env_service announced, or asks it for its map when it is time to, and returns null.
-  /// Throws Error when it does not send it, or more than kMaxMaps are in use.
+  /// Throws Error when it does not send it, sends a wrong one several times, or more than kMaxMaps are in use.
   std::shared_ptr<const StateMap> find_or_ask(const msg::TraversalInfo& info);
-  /// Takes a chunk of the env_service that announced this. Returns whether it is whole. Throws Error when its map is
-  /// damaged or differs from what it announced.
+  /// Takes a chunk of the env_service that announced this, or of a participant that says so. Returns whether it is
+  /// whole, and its map the one announced.
   bool take(const msg::TraversalInfo& info, const msg::StreetsChunk& chunk);
   /// Asks an env_service no more.
   void forget(const std::string& id) { fetches_.erase(id); }
@@ -36,6 +36,7 @@ class StreetMaps {
   struct Fetch {
     Key key;
     ObjectFetch object;
+    std::string problem;  ///< of the map that came last
   };
   std::shared_ptr<const StateMap> read(const msg::TraversalInfo& info, const Bytes& bytes) const;
 
