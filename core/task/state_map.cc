@@ -174,6 +174,8 @@ std::vector<int> StateMap::places_around(int place, float radius) const {
 
 DistanceField DistanceFields::to(int goal) {
   if (map_.line()) return DistanceField(goal);
+  if (goal < 0 || goal >= map_.places())
+    throw Error("is place " + std::to_string(goal) + " of " + std::to_string(map_.places()), "goal");
   const auto found = std::find_if(fields_.begin(), fields_.end(), [&](const Kept& kept) { return kept.first == goal; });
   if (found != fields_.end()) {
     fields_.splice(fields_.begin(), fields_, found);

@@ -8,8 +8,8 @@
 namespace citylearn {
 
 TraversalContents contents_of(const msg::TraversalInfo& info) {
-  return {info.traversal().c_str(), info.hash(),  info.feature_dimension(), info.encoder().c_str(),
-          info.dataset().c_str(),   info.frames()};
+  return {info.traversal().c_str(), info.hash(),   info.feature_dimension(), info.encoder().c_str(),
+          info.dataset().c_str(),   info.frames(), info.streets_hash()};
 }
 
 std::string route_misfit(const msg::TraversalInfo& info, std::uint32_t first, std::uint32_t count) {

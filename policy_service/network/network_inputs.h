@@ -35,18 +35,23 @@ struct NetworkTask {
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }
+  /// Returns the number of places, which goals are.
+  int places() const { return streets ? streets->places() : frames; }
+  /// Returns where actions lead.
+  std::shared_ptr<const StateMap> map() const { return streets ? streets : std::make_shared<const StateMap>(frames); }
 };
 
 /// Observations of B agents over T steps; column t * B + b is agent b at step t.
 template <class S>
 struct NetworkInputs {
-  int steps = 0;              ///< T
-  int agents = 0;             ///< B
-  int frames = 0;             ///< places in use, <= N; fewer in a curriculum's early lessons
-  int distinct = 0;           ///< U, number of distinct feature vectors
-  Matrix<S> features;         ///< D x at least U: each distinct feature vector stands here once
-  std::vector<int> seen;      ///< TB, column of `features`
-  std::vector<int> shown;     ///< TB, place whose frame it is, plus `frames` times its experience; -1: augmented
+  int steps = 0;          ///< T
+  int agents = 0;         ///< B
+  int frames = 0;         ///< places in use, <= N; fewer in a curriculum's early lessons
+  int distinct = 0;       ///< U, number of distinct feature vectors
+  Matrix<S> features;     ///< D x at least U: each distinct feature vector stands here once
+  std::vector<int> seen;  ///< TB, column of `features`
+  /// TB, place whose frame it is, plus `frames` times its experience; -1: augmented, on streets -2 less that place.
+  std::vector<int> shown;
   std::vector<int> goal;      ///< TB, place on the route, 0..N-1; on streets the place
   std::vector<int> position;  ///< TB, place on the route (on streets the state): the baseline sees it, losses aim at it
   std::vector<std::uint8_t> previous_action;  ///< TB, kNoAction at an episode's start
@@ -61,6 +66,10 @@ struct NetworkInputs {
   void copy_column(const NetworkInputs& source, std::ptrdiff_t from, std::ptrdiff_t to);
   /// Returns the features of `column`.
   auto features_of(std::ptrdiff_t column) const { return features.col(seen[static_cast<std::size_t>(column)]); }
+  /// Returns the number of the view that `column` shows on streets, augmented or not; -1: unknown.
+  int view(std::size_t column) const { return shown[column] >= 0 ? shown[column] % frames : augmented(shown[column]); }
+  /// Returns what `shown` is of a view whose features are augmented, and the other way round.
+  static int augmented(int view) { return view == -1 ? -1 : -2 - view; }
   auto features_of(std::ptrdiff_t column) { return features.col(seen[static_cast<std::size_t>(column)]); }
 
  private:

@@ -68,7 +68,7 @@ void SparseBelief<S>::load(const Eigen::Ref<const Vector<S>>& state, int frames)
 template <class S>
 Vector<S> SparseBelief<S>::scores(int frames) const {
   const auto others = std::max<std::ptrdiff_t>(1, frames - static_cast<std::ptrdiff_t>(places.size()));
-  const auto score = [](S share) { return share > S(kImpossible) ? std::log(share) : S(kNothing); };
+  const auto score = [](S share) { return share > S(kNegligible) ? std::log(share) : S(kNothing); };
   Vector<S> scores = Vector<S>::Constant(frames, score(elsewhere / static_cast<S>(others)));
   for (std::size_t i = 0; i < places.size(); ++i) scores(places[i]) = score(shares[i]);
   return scores;

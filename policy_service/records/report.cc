@@ -138,6 +138,8 @@ Json manifest_json(const PolicyServiceOptions& options,
   values["frames"] = fmt::format("{}:{}", options.first_frame, options.first_frame + options.frames);
   values["max-steps"] = std::to_string(options.max_steps);
   values["max-detour"] = std::to_string(std::max(options.max_detour, 0));
+  if (const auto trainer = agent.find("trainer"); trainer != agent.end())
+    for (const auto& [name, value] : trainer->second) values["trainer-" + name] = fmt::format("{:.10g}", value);
   manifest["origins"] = origins;
   std::error_code none;
   if (!options.command.empty()) {

@@ -58,7 +58,8 @@ void TrainingRun::build_trainer() {
   const std::string folder = context_.records.checkpoint_folder();
   const std::optional<std::string> newest = options.resume ? newest_checkpoint(folder) : std::nullopt;
   if (!options.initial_checkpoint.empty() && !newest) {
-    trainer.initial = trained_agent(read_checkpoint(options.initial_checkpoint));
+    trainer.initial = unbuilt_agent(read_checkpoint(options.initial_checkpoint));
+    trainer.initial->build_network(trainer.initial->places > 0 ? task : trainer.initial->task);
     const TraversalContents& first = learned_.traversals.front();
     for (const TraversalContents& before : trainer.initial->data.traversals)
       if (const std::string wrong = features_misfit(first, before, "'" + before.traversal + "'"); !wrong.empty())
