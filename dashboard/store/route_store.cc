@@ -49,9 +49,9 @@ std::size_t room(SQLite::Database& database, const RouteStore::Options& options,
                  const RouteStore::Part& part) {
   const Sums traversal = sum(database, "= ?1", hash, part.first, part.last);
   const Sums run = sum(database,
-                        "IN (SELECT s.hash FROM run_sources u JOIN sources s ON s.id = u.source "
-                        "WHERE u.run = ?1 AND s.hash IS NOT NULL)",
-                        part.run, part.first, part.last);
+                       "IN (SELECT s.hash FROM run_sources u JOIN sources s ON s.id = u.source "
+                       "WHERE u.run = ?1 AND s.hash IS NOT NULL)",
+                       part.run, part.first, part.last);
   if (traversal.all >= options.traversal_bytes || run.all >= options.run_bytes) return 0;
   const std::size_t left = std::min(options.traversal_bytes - traversal.all, options.run_bytes - run.all);
   return traversal.pictures > 0 && left < traversal.all / traversal.pictures ? 0 : left;
