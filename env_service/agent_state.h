@@ -6,17 +6,19 @@
 
 #include "core/task/action.h"
 #include "core/task/reward.h"
+#include "core/task/state_map.h"
 #include "core/util/random.h"
 #include "env_service/imperfections.h"
 
 namespace citylearn {
 
-/// An agent of an Environment. Places are those of the route, from 0.
+/// An agent of an Environment. Frames are those of the route, from 0; so is the goal, which is a place on streets.
 struct AgentState {
   Random random = Random(0);
   Mishaps mishaps;
   int task = 0, start = 0, frame = 0, goal = 0, steps = 0;
-  int shown = 0;  ///< frame of the route that it sees
+  int shown = 0;           ///< frame of the route that it sees
+  DistanceField distance;  ///< to the goal
   EpisodeReward rule = {0, 1};
   float episode_reward = 0, reward = 0;
   std::uint8_t previous_action = kNoAction, flags = 0;

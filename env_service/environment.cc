@@ -2,11 +2,9 @@
 #include "env_service/environment.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <numeric>
 #include <utility>
 
-#include "core/task/moves.h"
 #include "core/task/path.h"
 
 namespace citylearn {
@@ -15,11 +13,15 @@ namespace {
 
 // Steps and tasks are counted in int.
 constexpr std::uint32_t kMaxCount = 1u << 30;
+constexpr int kMaxTries = 1000;  // to draw a goal that can be reached
 
 }  // namespace
 
 Environment::Environment(const Traversal& traversal, int agents, const Imperfections& imperfections)
-    : traversal_(traversal), traversal_hash_(traversal.hash()), imperfections_(imperfections) {
+    : traversal_(traversal),
+      traversal_hash_(traversal.hash()),
+      imperfections_(imperfections),
+      streets_(traversal.states()) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
   agents_.resize(agents);
@@ -47,6 +49,11 @@ void Environment::reset(const msg::TaskSettings& settings) {
     throw Error("the features of " + std::to_string(agents()) + " agents x " + std::to_string(traversal_.dimension) +
                     " do not fit one observation (at most " + std::to_string(msg::MAX_FEATURES) + ")",
                 "TaskSettings.by_reference", "ask for observations by reference, or host fewer agents");
+  if (streets_ && (settings.frames() != static_cast<std::uint32_t>(traversal_.frames) || settings.shuffle()))
+    throw Error(settings.shuffle() ? "the frames of streets are not shuffled"
+                                   : "the streets of '" + traversal_.name + "' are one route of all " +
+                                         std::to_string(traversal_.frames) + " frames",
+                settings.shuffle() ? "TaskSettings.shuffle" : "TaskSettings.frames", "ask for all of them in order");
   if (!traversal_.unmatched.empty()) {
     const auto begin = traversal_.unmatched.begin() + settings.first_frame();
     if (std::count(begin, begin + settings.frames(), false) < 2)
@@ -54,6 +61,8 @@ void Environment::reset(const msg::TaskSettings& settings) {
                   "ask for another part of it");
   }
   settings_ = settings;
+  map_ = streets_ ? streets_ : std::make_shared<const StateMap>(static_cast<int>(settings.frames()));
+  fields_.emplace(*map_, settings.goal_radius());
   step_ = 0;
   finished_.clear();
   finished_.reserve(agents_.size());
@@ -70,7 +79,7 @@ void Environment::reset(const msg::TaskSettings& settings) {
       begin_task(agent, static_cast<int>(settings.first_task()) + index);
     } else {
       agent.mishaps = Mishaps(imperfections_, settings.seed(), static_cast<std::uint64_t>(index));
-      agent.frame = place_to_begin(agent);
+      agent.frame = state_to_begin(agent);
       begin_episode(agent);
     }
   }
@@ -86,28 +95,38 @@ bool Environment::is_unmatched(int place) const {
          traversal_.unmatched[settings_.first_frame() + static_cast<std::size_t>(place)];
 }
 
-/// Draws the place where an agent begins. A robot begins where it stands.
-int Environment::place_to_begin(AgentState& agent) const {
+/// Draws the state in which an agent begins. A robot begins where it stands.
+int Environment::state_to_begin(AgentState& agent) const {
   int drawn;
-  do drawn = static_cast<int>(agent.random.below(settings_.frames()));
-  while (is_unmatched(drawn));
+  do {
+    drawn = static_cast<int>(agent.random.below(streets_ ? streets_->starts().size() : settings_.frames()));
+    if (streets_) drawn = streets_->starts()[static_cast<std::size_t>(drawn)];
+  } while (is_unmatched(drawn));
   return robot_ ? on_route(robot_->place) : drawn;
 }
 
 std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
   const int here = agents_[static_cast<std::size_t>(agent)].frame, first = static_cast<int>(settings_.first_frame());
-  return {first + here, first + (action < kActions ? place_after(here, action) : here)};
+  return {first + here, first + (action < kActions ? map_->after(here, action, 1) : here)};
 }
 
-/// Returns the place to which the robot is sent, or draws one that is not where the agent stands.
+/// Returns the place to which the robot is sent, or draws one that can be reached and is not where the agent stands.
 int Environment::goal_to_begin(AgentState& agent) {
   if (external_goals_) return on_route(*std::exchange(next_goal_, std::nullopt));
-  int drawn;
-  do {
-    drawn = static_cast<int>(agent.random.below(settings_.frames() - 1));
-    if (drawn >= agent.frame) ++drawn;
-  } while (is_unmatched(drawn));
-  return drawn;
+  const int here = map_->place(agent.frame);
+  const auto goes_to = [&](int place) {
+    const DistanceField distance = fields_->to(place);
+    return distance.reaches(agent.frame) && distance(agent.frame) > 0;
+  };
+  for (int tries = 0;; ++tries) {
+    int drawn = static_cast<int>(agent.random.below(static_cast<std::uint64_t>(map_->places()) - 1));
+    if (drawn >= here) ++drawn;
+    if (streets_ ? goes_to(drawn) : !is_unmatched(drawn)) return drawn;
+    if (streets_ && tries == kMaxTries)
+      throw Error("finds no goal that can be reached from place " + std::to_string(here),
+                  "traversal '" + traversal_.name + "'",
+                  "leave out places without a way, or choose a lower goal radius");
+  }
 }
 
 void Environment::begin_episode(AgentState& agent) {
@@ -122,7 +141,12 @@ void Environment::begin_episode(AgentState& agent) {
   const int frames = static_cast<int>(settings_.frames());
   agent.start = agent.frame;
   agent.goal = goal_to_begin(agent);
-  agent.rule = {distance(agent, agent.start), static_cast<int>(settings_.max_steps())};
+  agent.distance = fields_->to(agent.goal);
+  const int fewest = agent.distance(agent.start);
+  std::uint64_t limit = settings_.max_steps();
+  if (settings_.max_detour() > 0)
+    limit = std::min(limit, std::uint64_t{settings_.max_detour()} * static_cast<std::uint64_t>(fewest));
+  agent.rule = {fewest, static_cast<int>(limit)};
   agent.steps = 0;
   agent.episode_reward = 0;
   agent.path.clear();
@@ -135,7 +159,7 @@ void Environment::begin_episode(AgentState& agent) {
     for (int i = frames - 1; i > 0; --i) std::swap(agent.order[i], agent.order[agent.random.below(i + 1)]);
     if (goes_on) std::swap(agent.order[agent.frame], *std::find(agent.order.begin(), agent.order.end(), here));
   }
-  agent.mishaps.plan_kidnappings(distance(agent, agent.start));
+  agent.mishaps.plan_kidnappings(fewest);
   if (!goes_on) look(agent);
 }
 
@@ -150,18 +174,9 @@ void Environment::begin_task(AgentState& agent, int task) {
   // same mishaps at the same steps.
   agent.random = Random{settings_.seed(), static_cast<std::uint64_t>(task)};
   agent.mishaps = Mishaps(imperfections_, settings_.seed(), static_cast<std::uint64_t>(task));
-  agent.frame = place_to_begin(agent);
+  agent.frame = state_to_begin(agent);
   begin_episode(agent);
 }
-
-std::uint8_t Environment::allowed(int frame) const {
-  std::uint8_t mask = 1u << kStay;
-  if (frame + 1 < static_cast<int>(settings_.frames())) mask |= 1u << kNext;
-  if (frame > 0) mask |= 1u << kPrevious;
-  return mask;
-}
-
-int Environment::distance(const AgentState& agent, int frame) { return std::abs(agent.goal - frame); }
 
 void Environment::check(std::span<const std::uint8_t> actions) const {
   if (actions.size() != agents_.size())
@@ -170,7 +185,7 @@ void Environment::check(std::span<const std::uint8_t> actions) const {
   for (int index = 0; index < agents(); ++index) {
     const AgentState& agent = agents_[index];
     if (agent.flags & msg::FLAG_IDLE || waits(agent, actions[index])) continue;
-    if (actions[index] >= kActions || !(allowed(agent.frame) >> actions[index] & 1))
+    if (actions[index] >= kActions || map_->next(agent.frame, actions[index]) < 0)
       throw Error("action " + std::to_string(actions[index]) + " is not allowed at frame " +
                       std::to_string(settings_.first_frame() + agent.frame),
                   "Action.choice[" + std::to_string(index) + "]", "the observation's `allowed` says which are");
@@ -189,7 +204,7 @@ void Environment::step(std::span<const std::uint8_t> actions) {
       const bool begins = next_goal_ && awaits_goal();
       agent.flags = begins ? 0 : msg::FLAG_IDLE;
       if (begins) {
-        agent.frame = place_to_begin(agent);
+        agent.frame = state_to_begin(agent);
         begin_episode(agent);
       }
       continue;
@@ -205,14 +220,14 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     if (fits) append_action(agent.path, agent.steps - 1, actions[index]);
     agent.previous_action = actions[index];
     agent.flags = 0;
-    agent.reward = agent.rule.step(distance(agent, agent.frame));
+    agent.reward = agent.rule.step(agent.distance(agent.frame));
     const bool reached = agent.rule.reached(), goes_on = !reached && !agent.rule.out_of_steps() && !next_goal_;
     agent.episode_reward += agent.reward;
     if (goes_on) kidnap(agent);
     if (!agent.mishaps.frame_dropped()) look(agent);
     if (goes_on) continue;
     finished_.push_back({index, agent.task, first + agent.start, first + agent.goal, agent.steps,
-                         distance(agent, agent.start), agent.episode_reward, reached,
+                         agent.distance(agent.start), agent.episode_reward, reached,
                          fits && !agent.strayed ? agent.path : std::vector<std::uint8_t>()});
     agent.flags = reached ? msg::FLAG_TERMINATED : msg::FLAG_TRUNCATED;
     if (settings_.task_mode() == msg::EVALUATE) {
@@ -247,7 +262,7 @@ void Environment::observe(msg::Observation& observation) const {
     observation.position()[index] = first + agent.frame;
     observation.goal()[index] = first + agent.goal;
     observation.previous_action()[index] = agent.previous_action;
-    observation.allowed()[index] = allowed(agent.frame);
+    observation.allowed()[index] = map_->allowed(agent.frame);
     observation.flags()[index] = agent.flags;
     observation.reward()[index] = agent.reward;
     if (dimension == 0) continue;
@@ -278,19 +293,23 @@ void Environment::observe(msg::Scene& scene) const {
 }
 
 void Environment::move(AgentState& agent, std::uint8_t action) {
-  const int intended = place_after(agent.frame, action);
-  agent.frame = place_after(agent.frame, action, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
+  const int intended = map_->next(agent.frame, action);
+  agent.frame = map_->after(agent.frame, action, agent.mishaps.times_done());
   if (robot_) agent.frame = on_route(robot_->place);
   agent.strayed = agent.strayed || agent.frame != intended;
 }
 
-/// Carries the agent to another place, when it is time to.
+/// Carries the agent to another state from which it can reach its goal, when it is time to.
 void Environment::kidnap(AgentState& agent) {
-  const int place = agent.mishaps.place_kidnapped_to(agent.frame, agent.goal, static_cast<int>(settings_.frames()));
-  if (place == agent.frame) return;
-  agent.frame = place;
-  agent.rule.displace(distance(agent, place));
-  agent.mishaps.await_kidnapping(distance(agent, place));
+  if (!agent.mishaps.kidnapped()) return;
+  std::vector<int> excluded;
+  for (int state = 0; state < map_->states(); ++state)
+    if (state == agent.frame || !agent.distance.reaches(state) || agent.distance(state) == 0) excluded.push_back(state);
+  const int state = agent.mishaps.state_kidnapped_to(excluded, map_->states());
+  if (state < 0) return;
+  agent.frame = state;
+  agent.rule.displace(agent.distance(state));
+  agent.mishaps.await_kidnapping(agent.distance(state));
   agent.strayed = true;
 }
 

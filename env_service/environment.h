@@ -2,11 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "core/task/state_map.h"
 #include "core/wire/messages.h"
 #include "env_service/agent_state.h"
 #include "env_service/dataset_io/traversal.h"
@@ -16,13 +18,15 @@
 namespace citylearn {
 
 /// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for
-/// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one.
-/// Where the traversal crosses itself (Traversal::turns), `stay` turns into the other road. Distances are numbers of
-/// steps on the shortest path.
+/// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one. On
+/// streets it stands in a state, whose frame it sees; it goes forward, or turns to the left or right (StateMap), and
+/// its goal is a place. Distances are the fewest steps.
 ///
 /// Reward: +1 on reaching the goal, which ends the episode. A step that leads nearer to the goal than the agent ever
 /// was in this episode costs nothing; every other step costs 1 / max_steps. After max_steps steps the episode is cut
 /// (truncated).
+///
+/// On streets settings may limit an episode to a multiple of its fewest steps too, whichever limit is lower.
 ///
 /// Imperfections make agents slip, see old frames, or suddenly stand elsewhere ("kidnapped"). An agent that slips over
 /// its goal has not reached it. No agent is kidnapped to its goal. The shortest path is still the one from the start.
@@ -38,13 +42,13 @@ class Environment {
   };
 
   /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
-  /// its turns, if any, are a permutation of its frames.
+  /// its streets, if any, have a state for each frame.
   Environment(const Traversal& traversal, int agents, const Imperfections& imperfections = {});
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
   /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is
-  /// IDLE, max_steps or (EVALUATE) tasks are not 1..2^30, or agents x D do not fit one observation that is not
-  /// by_reference.
+  /// IDLE, streets are not asked for as a whole or are to be shuffled, max_steps or (EVALUATE) tasks are not 1..2^30,
+  /// or agents x D do not fit one observation that is not by_reference.
   void reset(const msg::TaskSettings& settings);
 
   /// Returns the features of a frame: D.
@@ -91,22 +95,19 @@ class Environment {
   std::uint64_t traversal_hash() const { return traversal_hash_; }
 
  private:
-  void begin_episode(AgentState& agent);
-  int goal_to_begin(AgentState& agent);
+  void begin_episode(AgentState&agent), begin_task(AgentState&agent, int task);
+  int goal_to_begin(AgentState&agent), state_to_begin(AgentState&agent) const;
+  void move(AgentState&agent, std::uint8_t action), kidnap(AgentState&agent), look(AgentState&agent) const;
   int on_route(int place) const;
-  int place_to_begin(AgentState& agent) const;
   bool is_unmatched(int place) const;
-  void begin_task(AgentState& agent, int task);
-  std::uint8_t allowed(int frame) const;
   static bool waits(const AgentState& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
-  static int distance(const AgentState& agent, int frame);
-  void move(AgentState& agent, std::uint8_t action);
-  void kidnap(AgentState& agent);
-  void look(AgentState& agent) const;
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;
   const Imperfections imperfections_;
+  const std::shared_ptr<const StateMap> streets_;  // null: a line, whose length the settings say
+  std::shared_ptr<const StateMap> map_;            // of the settings in force
+  std::optional<DistanceFields> fields_;           // likewise
   msg::TaskSettings settings_;
   std::vector<AgentState> agents_;
   std::vector<Episode> finished_;

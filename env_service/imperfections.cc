@@ -138,14 +138,13 @@ void Mishaps::await_kidnapping(int distance) {
   wait_ = 1 + static_cast<int>(kidnaps_.below(static_cast<std::uint64_t>(std::max(1, distance - 1))));
 }
 
-int Mishaps::place_kidnapped_to(int here, int goal, int places) {
-  if (left_ == 0 || --wait_ > 0 || places < 3) return here;
+int Mishaps::state_kidnapped_to(std::span<const int> excluded, int states) {
+  const int others = states - static_cast<int>(excluded.size());
+  if (others < 1) return -1;
   --left_;
-  const auto [first, second] = std::minmax(here, goal);
-  int place = static_cast<int>(kidnaps_.below(static_cast<std::uint64_t>(places - 2)));
-  if (place >= first) ++place;
-  if (place >= second) ++place;
-  return place;
+  int state = static_cast<int>(kidnaps_.below(static_cast<std::uint64_t>(others)));
+  for (const int other : excluded) state += state >= other;
+  return state;
 }
 
 }  // namespace citylearn

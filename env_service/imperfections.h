@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 
 #include "core/task/imperfections.h"
@@ -44,9 +45,10 @@ class Mishaps {
   /// Plans the next one, if any is left, for an agent `distance` steps from its goal: after 1 .. distance - 1 steps (1
   /// where the distance is 1), each number as likely, so that the agent is rarely at the goal before.
   void await_kidnapping(int distance);
-  /// Call it after each step that does not end the episode. Returns the place to which the agent is carried: `here`
-  /// until the time has come, then any place of the route but `here` and `goal`, each as likely.
-  int place_kidnapped_to(int here, int goal, int places);
+  /// Call it after each step that does not end the episode. Returns whether the agent is carried away now.
+  bool kidnapped() { return left_ > 0 && --wait_ <= 0; }
+  /// Returns where: any of so many states but the `excluded`, which rise, each as likely; -1 where there is no other.
+  int state_kidnapped_to(std::span<const int> excluded, int states);
 
  private:
   double slip_ = 0, dropped_frames_ = 0;

@@ -56,10 +56,10 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false);
-  app.add_flag(
-         "--show", line.show,
-         "Print dataset, announced name, frames, images and features of the traversal, and how the dataset matches "
-         "traversals (index or otherwise), a line each, then exit")
+  app.add_flag("--show", line.show,
+               "Print dataset, announced name, frames, images and features of the traversal, whether on streets, and "
+               "how the dataset matches "
+               "traversals (index or otherwise), a line each, then exit")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
@@ -77,6 +77,7 @@ void list() {
 
 /// Makes a taught traversal one that a robot sees again.
 void make_live(Traversal& taught, CommandLine& line) {
+  if (taught.streets) throw Error("a robot drives along a line", "--rule", "give --rule line");
   if (!taught.images) throw Error("has features, not pictures", "traversal '" + taught.name + "'", "teach one");
   if (line.service.imperfections != Imperfections())
     throw Error("a robot is imperfect by itself", "--slip and the like", "leave them out");
@@ -103,7 +104,8 @@ int serve(CommandLine& line) {
   if (line.show) {
     std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
               << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension
-              << "\nmatched by " << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
+              << (traversal.streets ? "\nstreets yes" : "") << "\nmatched by "
+              << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
     return 0;
   }
   if (traversal.dataset == kLive)

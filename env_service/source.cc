@@ -3,11 +3,21 @@
 #include <CLI/CLI.hpp>
 
 #include "core/command_line/range_option.h"
+#include "core/task/state_map.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/selection.h"
 
 namespace citylearn {
+namespace {
+
+const std::map<std::string, StateRule> kRules{{"line", StateRule::kLine},
+                                              {"street", StateRule::kStreet},
+                                              {"street-fixed", StateRule::kStreetFixed},
+                                              {"streetlearn", StateRule::kStreetLearn}};
+
+}  // namespace
+
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group) {
   const OptionGroup options(app, group);
   const std::string names = joined(DatasetRegistry::instance().entries(), &DatasetRegistry::Entry::name);
@@ -24,6 +34,11 @@ void add_dataset_options(CLI::App& app, Source& source, const std::string& group
          },
          "Folder of the dataset's files")
       ->type_name("DIR");
+  app.add_option_function<std::string>(
+         "--rule", [&source](const std::string& name) { source.rule = kRules.at(name); },
+         "How agents walk: line: along the frames; street: along the links of a map, facing one; street-fixed: with 16 "
+         "headings; streetlearn: likewise, ahead to the nearest place. By default street where frames fit a map")
+      ->check(CLI::IsMember(&kRules));
 }
 
 std::string dataset_of(const Source& source) {
@@ -99,9 +114,12 @@ std::unique_ptr<Dataset> open_dataset(const Source& source) {
       throw Error("is for dataset " + name + ", but the dataset is " + source.dataset,
                   "--" + name + "-" + given.begin()->first);
   const auto given = source.parameters.find(source.dataset);
-  return entry.create(Parameters("dataset " + entry.name, entry.parameters,
-                                 given == source.parameters.end() ? std::map<std::string, double>() : given->second),
-                      source.folder);
+  auto dataset =
+      entry.create(Parameters("dataset " + entry.name, entry.parameters,
+                              given == source.parameters.end() ? std::map<std::string, double>() : given->second),
+                   source.folder);
+  dataset->walk_by(source.rule);
+  return dataset;
 }
 
 std::string chosen_traversal(Dataset& dataset, const Source& source) {

@@ -7,6 +7,7 @@
 
 #include "core/util/error.h"
 #include "core/util/name.h"
+#include "core/wire/streets.h"
 #include "core/wire/transfer.h"
 
 namespace citylearn {
@@ -23,9 +24,11 @@ TraversalServer::TraversalServer(Node& node, const Environment& environment)
           },
           node.traffic.rejected),
       images_([this](const ObjectKey& key) { return image(key); }, node.traffic.rejected),
-      maps_([this](const ObjectKey& key) { return map(key); }, node.traffic.rejected) {
+      maps_([this](const ObjectKey& key) { return map(key); }, node.traffic.rejected),
+      streets_([this](const ObjectKey& key) { return streets(key); }, node.traffic.rejected) {
   node_.create_reader<msg::TraversalRequest>();
   node_.create_reader<msg::RouteMapRequest>();
+  if (traversal_.streets) node_.create_reader<msg::StreetsRequest>();
   if (traversal_.images) node_.create_reader<msg::ImageRequest>();
 }
 
@@ -43,6 +46,12 @@ msg::TraversalInfo TraversalServer::info() const {
   info.frames() = static_cast<std::uint32_t>(traversal_.frames);
   info.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
   info.agents() = static_cast<std::uint32_t>(environment_.agents());
+  if (traversal_.streets) {
+    info.rule() = static_cast<msg::StateRule>(traversal_.rule);
+    info.places() = static_cast<std::uint32_t>(traversal_.streets->places());
+    info.links() = static_cast<std::uint32_t>(traversal_.streets->links());
+    info.streets_hash() = traversal_.streets->hash();
+  }
   info.images() = traversal_.images != nullptr;
   return info;
 }
@@ -58,6 +67,10 @@ bool TraversalServer::take_requests() {
     }
   while (node_.take(map_request_))
     if (addressed(map_request_.server().c_str(), map_request_.hash())) maps_.note(map_request_);
+  while (traversal_.streets && node_.take(streets_request_))
+    if (streets_request_.server().c_str() == node_.options().id &&
+        streets_request_.hash() == traversal_.streets->hash())
+      streets_.note(streets_request_);
   while (traversal_.images && node_.take(image_request_))
     if (addressed(image_request_.server().c_str(), image_request_.hash())) images_.note(image_request_);
   return frames;
@@ -66,6 +79,7 @@ bool TraversalServer::take_requests() {
 bool TraversalServer::send_objects() {
   bool more = frames_.send(chunk_, [this] { node_.publish(chunk_); });
   more |= maps_.send(map_chunk_, [this] { node_.publish(map_chunk_); });
+  more |= streets_.send(streets_chunk_, [this] { node_.publish(streets_chunk_); });
   return images_.send(image_chunk_, [this] { node_.publish(image_chunk_); }) || more;
 }
 
@@ -96,6 +110,10 @@ std::shared_ptr<const ObjectBytes> TraversalServer::map(const ObjectKey& key) co
   map.latitude() = traversal_.latitude;
   map.longitude() = traversal_.longitude;
   return std::make_shared<ObjectBytes>(key, encode_object(map));
+}
+
+std::shared_ptr<const ObjectBytes> TraversalServer::streets(const ObjectKey& key) const {
+  return std::make_shared<ObjectBytes>(key, encode_streets(*traversal_.streets));
 }
 
 }  // namespace citylearn

@@ -10,7 +10,8 @@
 
 namespace citylearn {
 
-/// Answers requests for the data of an environment's traversal: features and positions, image files, and its map. Every
+/// Answers requests for the data of an environment's traversal: features and positions, image files, its map and its
+/// streets. Every
 /// answer may be lost and asked for again. Used by the node's thread.
 class TraversalServer {
  public:
@@ -31,12 +32,13 @@ class TraversalServer {
   }
   std::shared_ptr<const ObjectBytes> image(const ObjectKey& key);
   std::shared_ptr<const ObjectBytes> map(const ObjectKey& key) const;
+  std::shared_ptr<const ObjectBytes> streets(const ObjectKey& key) const;
 
   Node& node_;
   const Environment& environment_;
   const Traversal& traversal_;
 
-  ObjectServer frames_, images_, maps_;
+  ObjectServer frames_, images_, maps_, streets_;
   Bytes file_;  // of a picture
 
   // Members, so that an answer allocates nothing.
@@ -46,6 +48,8 @@ class TraversalServer {
   msg::ImageChunk image_chunk_;
   msg::RouteMapRequest map_request_;
   msg::RouteMapChunk map_chunk_;
+  msg::StreetsRequest streets_request_;
+  msg::StreetsChunk streets_chunk_;
 };
 
 }  // namespace citylearn

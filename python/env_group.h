@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "core/task/state_map.h"
 #include "core/wire/messages.h"
 #include "core/wire/node_options.h"
 #include "python/options.h"
@@ -19,10 +20,10 @@ namespace citylearn::python {
 /// Memory of numpy arrays, row-major, that receives the observations of B agents.
 struct Batch {
   float* features;                ///< B x D
-  std::int64_t* goal;             ///< B, place on the route
+  std::int64_t* goal;             ///< B, place on the route, or on streets the place
   std::int64_t* previous_action;  ///< B, 3: none
   std::int8_t* allowed;           ///< B x 3, 1: the action may be taken
-  std::int64_t* position;         ///< B, place on the route
+  std::int64_t* position;         ///< B, place on the route, or on streets the state
   double* reward;                 ///< B, of the action before this observation
   std::uint8_t* flags;            ///< B, FLAG_*
   std::int64_t* frame;            ///< B, place on the route whose frame is seen
@@ -32,6 +33,7 @@ struct Batch {
 struct Route {
   int first_frame = 0, frames = 2, max_steps = 2;
   bool shuffle = false;  ///< frames are shown in a random order
+  int max_detour = 0;    ///< limits an episode to this multiple of its fewest steps too; 0: does not
 };
 
 /// Several environments on one traversal, each with some agents, that step together. Used by one thread at a time.
@@ -46,6 +48,7 @@ class EnvGroup {
     std::vector<int> service_agents;  ///< of each environment
     int features = 0;                 ///< D
     int traversal_frames = 0;
+    std::shared_ptr<const StateMap> streets = {};  ///< null: a line
   };
 
   virtual ~EnvGroup() = default;

@@ -32,10 +32,13 @@ std::unique_ptr<Policy> agent_policy(const TrainedAgent& agent, std::uint64_t se
 }
 
 std::unique_ptr<Policy> control_policy(const std::string& name, const std::map<std::string, double>& parameters,
-                                       const Route& route, const Matrix<float>& reference) {
+                                       const Route& route, const Matrix<float>& reference, const Recording& recording) {
   const auto& entry = ControlRegistry::instance().find("control", name);
   return entry.create(Parameters("control " + name, entry.parameters, parameters),
-                      {route.first_frame, route.frames, reference, {}});
+                      {.first_frame = route.first_frame,
+                       .frames = route.frames,
+                       .reference = reference,
+                       .streets = recording.traversal.states()});
 }
 
 std::unique_ptr<Policy> function_policy(Act act) { return std::make_unique<FunctionPolicy>(std::move(act)); }
@@ -50,6 +53,7 @@ Score evaluate(Policy& policy, const Recording& recording, const Route& route, c
   trial.first_frame = route.first_frame;
   trial.frames = route.frames;
   trial.max_steps = route.max_steps;
+  trial.max_detour = route.max_detour;
   trial.shuffle = route.shuffle;
   trial.tasks = tasks.count;
   trial.seed = evaluation_task_seed(tasks.seed);

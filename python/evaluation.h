@@ -29,9 +29,10 @@ struct ExportedPolicy {
   std::map<std::string, int> inputs;  ///< their widths
 };
 std::unique_ptr<Policy> exported_policy(const ExportedPolicy& policy, std::uint64_t seed);
-/// `reference`: D x EN, as ControlTask has it. Throws Error when the control or a parameter is unknown.
+/// `reference`: D x EN, as ControlTask has it; it walks on `recording`. Throws Error when the control or a parameter is
+/// unknown.
 std::unique_ptr<Policy> control_policy(const std::string& name, const std::map<std::string, double>& parameters,
-                                       const Route& route, const Matrix<float>& reference);
+                                       const Route& route, const Matrix<float>& reference, const Recording& recording);
 /// `act` chooses one action per agent from their observations.
 using Act = std::function<void(const msg::Observation& seen, std::vector<std::uint8_t>& choice)>;
 std::unique_ptr<Policy> function_policy(Act act);

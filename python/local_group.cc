@@ -10,8 +10,8 @@ class LocalGroup : public EnvGroup {
   LocalGroup(const Recording& recording, int agents, int services)
       : environments_(services, Environment(recording.traversal, agents, recording.imperfections)) {
     const Traversal& traversal = recording.traversal;
-    shape_ = {traversal.name, agents * services, std::vector(static_cast<std::size_t>(services), agents),
-              traversal.dimension, traversal.frames};
+    shape_ = {traversal.name,      agents * services, std::vector(static_cast<std::size_t>(services), agents),
+              traversal.dimension, traversal.frames,  traversal.states()};
   }
 
   const Shape& shape() const override { return shape_; }

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cctype>
 #include <cstdio>
 #include <cstdlib>
@@ -71,6 +72,7 @@ class Envs {
     settings.frames() = static_cast<std::uint32_t>(route.frames);
     settings.max_steps() = static_cast<std::uint32_t>(route.max_steps);
     settings.shuffle() = route.shuffle;
+    settings.max_detour() = static_cast<std::uint32_t>(route.max_detour);
     Columns columns = make_columns();
     const Batch batch = columns.batch();
     {
@@ -79,6 +81,29 @@ class Envs {
       group_->receive(batch, check_signals);
     }
     return columns.tuple();
+  }
+
+  /// Returns the fewest steps on streets from states to places, an agent each.
+  py::array_t<std::int64_t> fewest_steps(const py::array_t<std::int64_t>& states,
+                                         const py::array_t<std::int64_t>& goals) {
+    if (!distances_) distances_.emplace(*shape().streets);
+    py::array_t<std::int64_t> steps(ArrayShape{states.size()});
+    for (py::ssize_t i = 0; i < states.size(); ++i)
+      steps.mutable_at(i) = distances_->to(static_cast<int>(goals.at(i)))(static_cast<int>(states.at(i)));
+    return steps;
+  }
+
+  /// Returns the place of each state, and the heading that it looks to; empty on a line.
+  py::tuple states() const {
+    const StateMap* const streets = shape().streets.get();
+    const py::ssize_t count = streets ? streets->states() : 0;
+    py::array_t<std::int64_t> places(ArrayShape{count});
+    py::array_t<float> headings(ArrayShape{count});
+    for (py::ssize_t state = 0; state < count; ++state) {
+      places.mutable_at(state) = streets->place(static_cast<int>(state));
+      headings.mutable_at(state) = streets->heading(static_cast<int>(state));
+    }
+    return py::make_tuple(places, headings);
   }
 
   py::tuple step(const Actions& actions) {
@@ -120,13 +145,14 @@ class Envs {
 
   const std::shared_ptr<const Recording> recording_;
   const std::unique_ptr<EnvGroup> group_;
+  std::optional<DistanceFields> distances_;
   std::atomic<bool> cancelled_ = false;
   std::optional<Columns> pending_;
   std::future<void> done_;  // last: its end is awaited first
 };
 
 /// Calls `act(columns, first)`, where first[b] says that agent b begins a task, for one action per agent. One that is
-/// not allowed becomes `stay`.
+/// not allowed becomes the first one that is, on a line `stay`.
 std::unique_ptr<Policy> python_policy(py::function act, int dimension, int first_frame) {
   return function_policy([act = std::move(act), dimension, first_frame](const msg::Observation& seen,
                                                                         std::vector<std::uint8_t>& choice) {
@@ -138,7 +164,8 @@ std::unique_ptr<Policy> python_policy(py::function act, int dimension, int first
     const auto actions = act(columns.tuple()).cast<Actions>();
     choice.assign(actions.data(), actions.data() + actions.size());
     for (std::size_t agent = 0; agent < choice.size() && agent < seen.allowed().size(); ++agent)
-      if (choice[agent] < kActions && !(seen.allowed()[agent] >> choice[agent] & 1)) choice[agent] = kStay;
+      if (choice[agent] < kActions && !(seen.allowed()[agent] >> choice[agent] & 1))
+        choice[agent] = static_cast<std::uint8_t>(std::countr_zero(seen.allowed()[agent]));
   });
 }
 
@@ -248,6 +275,7 @@ void define_environments(py::module_& module) {
            py::arg("options"), py::arg("learned") = TrainingData())
       .def_property_readonly("name", [](const Recording& one) { return one.traversal.name; })
       .def_property_readonly("frames", [](const Recording& one) { return one.traversal.frames; })
+      .def_property_readonly("on_streets", [](const Recording& one) { return one.traversal.streets != nullptr; })
       .def_property_readonly("features", [](const Recording& one) { return one.traversal.dimension; })
       .def("feature",
            [](const Recording& one, int frame) {
@@ -256,8 +284,8 @@ void define_environments(py::module_& module) {
       .def("picture", &picture_of)
       .def("reference", &reference_of);
   py::class_<Route>(module, "Route")
-      .def(py::init([](int first_frame, int frames, int max_steps, bool shuffle) {
-        return Route{first_frame, frames, max_steps, shuffle};
+      .def(py::init([](int first_frame, int frames, int max_steps, bool shuffle, int max_detour) {
+        return Route{first_frame, frames, max_steps, shuffle, max_detour};
       }))
       .def_readonly("first_frame", &Route::first_frame)
       .def_readonly("frames", &Route::frames)
@@ -276,6 +304,9 @@ void define_environments(py::module_& module) {
       .def_property_readonly("features", [](const Envs& envs) { return envs.shape().features; })
       .def_property_readonly("traversal", [](const Envs& envs) { return envs.shape().traversal; })
       .def_property_readonly("frames", [](const Envs& envs) { return envs.shape().traversal_frames; })
+      .def_property_readonly("on_streets", [](const Envs& envs) { return envs.shape().streets != nullptr; })
+      .def_property_readonly("states", &Envs::states)
+      .def("fewest_steps", &Envs::fewest_steps)
       .def("reset", &Envs::reset)
       .def("step", &Envs::step)
       .def("send", &Envs::send)

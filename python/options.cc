@@ -141,7 +141,8 @@ void select_as_taught(Dataset& dataset, Selection& selection, const TraversalCon
   Selection first = selection;
   first.align.clear();
   first.end = static_cast<int>(taught.frames);
-  if (dataset.load(*name).frames > first.end && select(dataset, *name, first).hash() == taught.hash)
+  const Traversal whole = dataset.load(*name);
+  if (!whole.streets && whole.frames > first.end && select(dataset, *name, first).hash() == taught.hash)
     selection.end = first.end;
 }
 

@@ -20,7 +20,7 @@ class RemoteGroup : public EnvGroup {
  public:
   RemoteGroup(const RemoteOptions& options, const Interrupt& interrupt)
       : options_(options), node_(options.node), final_status_(node_), client_(node_) {
-    client_.require({.traversals = {options.traversal}, .feature_dimension = {}, .learned = {}});
+    client_.require({.traversals = {options.traversal}, .feature_dimension = {}, .streets = {}, .learned = {}});
     client_.decide = [this](EnvHandle& env, const msg::Observation& seen, std::vector<std::uint8_t>&) {
       for (std::size_t i = 0; i < envs_.size(); ++i)
         if (envs_[i] == &env) seen_[i] = seen;
@@ -37,6 +37,7 @@ class RemoteGroup : public EnvGroup {
     shape_.traversal = options.traversal;
     shape_.features = static_cast<int>(envs_.front()->info.feature_dimension());
     shape_.traversal_frames = static_cast<int>(envs_.front()->info.frames());
+    shape_.streets = envs_.front()->streets;
     for (const EnvHandle* env : envs_)
       shape_.agents += shape_.service_agents.emplace_back(static_cast<int>(env->info.agents()));
     node_.report(msg::RUNNING, "driven by Python");

@@ -10,7 +10,7 @@ namespace citylearn {
 namespace {
 
 template <class Number>
-constexpr TrainingFigure::Type type_of(Number) {
+constexpr TrainingFigure::Type number_type(Number) {
   return std::is_integral_v<Number>      ? TrainingFigure::kCount
          : std::is_same_v<Number, float> ? TrainingFigure::kFloat
                                          : TrainingFigure::kDouble;
@@ -24,7 +24,7 @@ const TrainingFigure kFigures[] = {
    help,                                             \
    tag,                                              \
    "{:" format "}",                                  \
-   type_of(msg::TrainingStat().name()),              \
+   number_type(msg::TrainingStat().name()),          \
    [](const msg::TrainingStat& stat) { return static_cast<double>(stat.name()); }},
 #define LEARNED FIGURE
 #include "core/task/training_figures.inc"

@@ -28,17 +28,19 @@ double shortest(double value) {
 
 Json number_or_null(double value) { return std::isfinite(value) ? Json(shortest(value)) : Json(nullptr); }
 
-/// Returns the frames stood at, the start's first, from the actions of EpisodeStat.path.
-Json positions_of(const StoreReader::Replay& replay) {
+/// Returns the frames stood at, the start's first, from the actions of EpisodeStat.path. Null where these are not
+/// known, or the streets are not, on which `map` says where they lead.
+Json positions_of(const StoreReader::Replay& replay, const RouteMap* map) {
   if (!replay.path || replay.path->size() < path_octets(replay.row.steps)) return nullptr;
+  const bool line = replay.rule == StateRule::kLine;
+  if (!line && (!map || !map->streets || replay.row.start >= map->frames)) return nullptr;
+  constexpr int kEndless = 1 << 30;  // a line whose end the actions know
+  const StateMap states = line ? StateMap(kEndless) : StateMap(*map->streets, map->rule, map->frames);
   Json positions = Json::array();
-  auto frame = static_cast<std::int64_t>(replay.row.start);
+  auto frame = static_cast<int>(replay.row.start);
   positions.push_back(frame);
-  for (std::uint64_t step = 0; step < replay.row.steps; ++step) {
-    const int action = action_at(*replay.path, step);
-    frame += action == kNext ? 1 : action == kPrevious ? -1 : 0;
-    positions.push_back(frame);
-  }
+  for (std::uint64_t step = 0; step < replay.row.steps; ++step)
+    positions.push_back(frame = states.after(frame, static_cast<std::uint8_t>(action_at(*replay.path, step)), 1));
   return positions;
 }
 
@@ -279,7 +281,10 @@ Answer Api::episode(const Query& query) {
   if (!replay) not_found("episode " + query.path[1] + " not found");
   Answer answer;
   open_json_episode(answer.body, replay->row);
-  answer.body += ",\"positions\":" + positions_of(*replay).dump() +
+  const bool streets = replay->hash && replay->rule != StateRule::kLine;
+  const std::optional<RouteMap> stored = streets ? reader->map(*replay->hash) : std::nullopt;
+  const LiveView::Map hosted = streets && !stored && live_ ? live_->map(*replay->hash) : LiveView::Map();
+  answer.body += ",\"positions\":" + positions_of(*replay, stored ? &*stored : hosted.map.get()).dump() +
                  ",\"hash\":" + (replay->hash ? "\"" + hash_text(*replay->hash) + "\"" : std::string("null")) + "}";
   return answer;
 }

@@ -38,7 +38,7 @@ nlohmann::json event_json(const Event& event) {
 nlohmann::json traversal_json(const TraversalRow& t) {
   return {{"environment", t.environment}, {"dataset", t.dataset},      {"traversal", t.traversal},
           {"condition", t.condition},     {"hash", hash_text(t.hash)}, {"frames", t.frames},
-          {"agents", t.agents},           {"images", t.images}};
+          {"agents", t.agents},           {"images", t.images},        {"streets", t.rule != StateRule::kLine}};
 }
 
 std::vector<std::uint32_t> outline(const RouteMap& map, const MapPart& part) {
@@ -68,7 +68,34 @@ std::vector<std::uint32_t> outline(const RouteMap& map, const MapPart& part) {
   return frames;
 }
 
+namespace {
+
+/// Returns streets for the page. Of each state it has the place and the heading.
+nlohmann::json streets_json(const RouteMap& map) {
+  const StreetMap& streets = *map.streets;
+  const StateMap states(streets, map.rule, map.frames);
+  const auto rounded = [](const std::vector<float>& values) {
+    nlohmann::json all = nlohmann::json::array();
+    for (const float value : values) all.push_back(std::round(value * 10.0) / 10);
+    return all;
+  };
+  nlohmann::json place = nlohmann::json::array(), heading = nlohmann::json::array();
+  for (int state = 0; state < states.states(); ++state) {
+    place.push_back(states.place(state));
+    heading.push_back(std::round(states.heading(state)));
+  }
+  return {{"east", rounded(streets.east)}, {"north", rounded(streets.north)},
+          {"from", streets.from},          {"to", streets.to},
+          {"place", std::move(place)},     {"heading", std::move(heading)}};
+}
+
+}  // namespace
+
 nlohmann::json map_json(std::uint64_t hash, const RouteMap& map, const MapPart& part) {
+  if (map.streets)
+    return {{"hash", hash_text(hash)},     {"frames", map.frames}, {"index", nlohmann::json::array()},
+            {"position", nullptr},         {"latitude", nullptr},  {"longitude", nullptr},
+            {"streets", streets_json(map)}};
   const std::vector<std::uint32_t> frames = outline(map, part);
   constexpr double kMillimetres = 1e3, kMillimetresOfDegrees = 1e8;
   return {{"hash", hash_text(hash)},
@@ -76,7 +103,8 @@ nlohmann::json map_json(std::uint64_t hash, const RouteMap& map, const MapPart& 
           {"index", frames},
           {"position", numbers(map.position, frames, kMillimetres)},
           {"latitude", numbers(map.latitude, frames, kMillimetresOfDegrees)},
-          {"longitude", numbers(map.longitude, frames, kMillimetresOfDegrees)}};
+          {"longitude", numbers(map.longitude, frames, kMillimetresOfDegrees)},
+          {"streets", nullptr}};
 }
 
 }  // namespace citylearn

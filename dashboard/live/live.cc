@@ -51,9 +51,10 @@ void Live::on_message(const msg::TraversalInfo& info) {
   const std::lock_guard lock(mutex_);
   HostedTraversal& hosted = hosted_[environment];
   if (hosted.process.hear(info.header().incarnation(), options_.clock()) == Incumbent::Heard::kOther) return;
-  hosted = {hosted.process,
-            {environment.second, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(),
-             info.hash(), info.frames(), info.agents(), info.images()}};
+  hosted = {
+      hosted.process,
+      {environment.second, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(), info.hash(),
+       info.frames(), info.agents(), info.images(), static_cast<StateRule>(info.rule()), info.streets_hash()}};
   if (hosted_.size() <= kMaxHosted) return;
   const auto dead = std::find_if(hosted_.begin(), hosted_.end(), [this](const auto& entry) {
     return !services_.is_alive(entry.first.first, entry.first.second);
@@ -128,7 +129,8 @@ void Live::poll() {
 
 /// Starts the fetches that threads of the API asked for. Called under the lock.
 void Live::start_requested_fetches() {
-  for (const auto& [hash, host] : maps_asked_) maps_.fetch(hash, host.first, host.second);
+  for (const auto& [hash, host] : maps_asked_)
+    if (const auto hosted = hosted_.find(host); hosted != hosted_.end()) maps_.fetch(hosted->second.row, host.first);
   maps_asked_.clear();
   for (const auto& [key, host] : frames_asked_) {
     pictures_.fetch(key, {host.first, host.second});
@@ -314,7 +316,7 @@ std::shared_ptr<const RouteMap> Live::route_map(std::uint64_t hash) {
   const std::lock_guard lock(mutex_);
   auto map = maps_.find(hash);
   const auto host = map ? std::nullopt : host_of(hash, false, 0);
-  if (host) maps_.fetch(hash, host->first, host->second);
+  if (host) maps_.fetch(hosted_.at(*host).row, host->first);
   return map;
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/exchange/timing.h"
+#include "core/wire/streets.h"
 
 namespace citylearn {
 
@@ -17,26 +18,39 @@ std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
   return found->second.map;
 }
 
-void Maps::fetch(std::uint64_t hash, const std::string& session, const std::string& environment) {
-  if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMaxMaps) return;
-  ObjectFetch object({.hash = hash, .retry = kDashboardRetry, .most_tries = RequestTimer::kDefaultTries});
+void Maps::fetch(const TraversalRow& traversal, const std::string& session) {
+  if (maps_.contains(traversal.hash) || fetches_.contains(traversal.hash) || fetches_.size() >= kMaxMaps) return;
+  const bool streets = traversal.rule != StateRule::kLine;
+  ObjectFetch object({.hash = streets ? traversal.streets : traversal.hash,
+                      .retry = kDashboardRetry,
+                      .most_tries = RequestTimer::kDefaultTries});
   object.want(0);
-  fetches_.try_emplace(hash, Fetch{session, environment, std::move(object)});
-  node_.create_reader_at<msg::RouteMapChunk>(node_.options().id, session);
+  fetches_.try_emplace(traversal.hash, Fetch{session, traversal, std::move(object)});
+  if (streets)
+    node_.create_reader_at<msg::StreetsChunk>(node_.options().id, session);
+  else
+    node_.create_reader_at<msg::RouteMapChunk>(node_.options().id, session);
 }
 
 void Maps::poll(Clock::time_point now) {
-  while (node_.take(chunk_)) on_message(chunk_, now);
-  for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
-    const auto& [session, environment, object] = fetch->second;
-    if (object.gave_up(now)) {
-      spdlog::warn("the map of {:016x} does not arrive from '{}'", fetch->first, environment);
-      fetch = fetches_.erase(fetch);
+  take(chunk_, false, now);
+  take(streets_chunk_, true, now);
+  for (auto at = fetches_.begin(); at != fetches_.end();) {
+    Fetch& fetch = at->second;
+    if (fetch.object.gave_up(now)) {
+      spdlog::warn("the map of {:016x} does not arrive from '{}'", at->first, fetch.traversal.environment);
+      at = fetches_.erase(at);
       continue;
     }
-    request_.server() = environment.c_str();
-    if (fetch->second.object.ask(now, request_)) node_.publish(request_, session);
-    ++fetch;
+    const auto ask = [&](auto& request) {
+      request.server() = fetch.traversal.environment.c_str();
+      if (fetch.object.ask(now, request)) node_.publish(request, fetch.session);
+    };
+    if (fetch.streets())
+      ask(streets_request_);
+    else
+      ask(request_);
+    ++at;
   }
 }
 
@@ -46,26 +60,41 @@ Clock::time_point Maps::due() const {
   return due;
 }
 
-void Maps::on_message(const msg::RouteMapChunk& chunk, Clock::time_point now) {
-  const auto found = fetches_.find(chunk.hash());
-  if (found == fetches_.end()) return;
-  ObjectFetch& fetch = found->second.object;
-  if (fetch.take(chunk, now) == Taken::kDamaged) ++node_.traffic.rejected;
-  const auto object = fetch.next();
-  if (!object) return;
-  try {
-    keep(chunk.hash(), decode_object<msg::RouteMap>(object->bytes));
-    fetches_.erase(found);
-  } catch (const Error&) {  // there is none, or it means nothing
-    ++node_.traffic.rejected;
-    fetch.refuse(object->item);
+/// Takes all chunks of maps of one kind. Traversals of one city are on equal streets.
+template <class Chunk>
+void Maps::take(Chunk& chunk, bool streets, Clock::time_point now) {
+  while (node_.take(chunk)) {
+    bool damaged = false;
+    for (auto at = fetches_.begin(); at != fetches_.end();) {
+      Fetch& fetch = at->second;
+      ++at;
+      if (fetch.streets() != streets) continue;
+      damaged = fetch.object.take(chunk, now) == Taken::kDamaged || damaged;
+      const auto object = fetch.object.next();
+      if (!object) continue;
+      try {
+        keep(fetch.traversal, object->bytes);
+        at = fetches_.erase(std::prev(at));
+      } catch (const Error&) {  // there is none, or it means nothing
+        fetch.object.refuse(object->item);
+        damaged = true;
+      }
+    }
+    node_.traffic.rejected += damaged;
   }
 }
 
-void Maps::keep(std::uint64_t hash, const msg::RouteMap& sent) {
-  const auto count = static_cast<std::uint32_t>(sent.position().size());
-  maps_[hash] = {std::make_shared<RouteMap>(RouteMap{count, sent.position(), sent.latitude(), sent.longitude()}),
-                 ++uses_};
+void Maps::keep(const TraversalRow& traversal, const Bytes& object) {
+  auto map = std::make_shared<RouteMap>();
+  if (traversal.rule != StateRule::kLine) {
+    map->frames = static_cast<std::uint32_t>(traversal.frames);
+    map->streets = std::make_shared<const StreetMap>(decode_streets(object, traversal.streets));
+    map->rule = traversal.rule;
+  } else {
+    const auto sent = decode_object<msg::RouteMap>(object);
+    *map = {static_cast<std::uint32_t>(sent.position().size()), sent.position(), sent.latitude(), sent.longitude()};
+  }
+  maps_[traversal.hash] = {std::move(map), ++uses_};
   const auto frames = [this] {
     std::size_t sum = 0;
     for (const auto& [other, kept] : maps_) sum += kept.map->frames;

@@ -22,7 +22,7 @@ class Maps {
   /// Returns null while it is not complete.
   std::shared_ptr<const RouteMap> find(std::uint64_t hash);
   /// Starts to fetch a map unless it is here or under way.
-  void fetch(std::uint64_t hash, const std::string& session, const std::string& environment);
+  void fetch(const TraversalRow& traversal, const std::string& session);
   bool fetching(std::uint64_t hash) const { return fetches_.contains(hash); }
   /// Takes chunks that arrived and requests what is due.
   void poll(Clock::time_point now);
@@ -30,11 +30,14 @@ class Maps {
 
  private:
   struct Fetch {
-    std::string session, environment;
-    ObjectFetch object;
+    std::string session;
+    TraversalRow traversal;
+    ObjectFetch object;  ///< a RouteMap, or Streets
+    bool streets() const { return traversal.rule != StateRule::kLine; }
   };
-  void on_message(const msg::RouteMapChunk& chunk, Clock::time_point now);
-  void keep(std::uint64_t hash, const msg::RouteMap& sent);
+  template <class Chunk>
+  void take(Chunk& chunk, bool streets, Clock::time_point now);
+  void keep(const TraversalRow& traversal, const Bytes& object);
 
   Node& node_;
   std::map<std::uint64_t, Fetch> fetches_;
@@ -46,6 +49,8 @@ class Maps {
   std::uint64_t uses_ = 0;
   msg::RouteMapRequest request_;
   msg::RouteMapChunk chunk_;
+  msg::StreetsRequest streets_request_;
+  msg::StreetsChunk streets_chunk_;
 };
 
 }  // namespace citylearn

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "core/util/sha256.h"
+#include "core/wire/streets.h"
 #include "dashboard/store/database.h"
 
 namespace citylearn {
@@ -27,17 +28,17 @@ const std::string kParts =
     " CASE WHEN json_valid(r.manifest) THEN json_extract(r.manifest, '$.frames') END AS frames" +
     kUses + "= ?1) GROUP BY first, frames ORDER BY 1 DESC LIMIT ?2";
 
-struct Bytes {
+struct Sums {
   std::uint64_t all = 0, pictures = 0;
 };
 
 template <class... Values>
-Bytes sum(SQLite::Database& database, const std::string& where, const Values&... values) {
+Sums sum(SQLite::Database& database, const std::string& where, const Values&... values) {
   SQLite::Statement row(database,
                         "SELECT SUM(length(p.bytes)), COUNT(*) FROM places f JOIN pictures p ON p.id = f.picture "
                         "WHERE f.frame BETWEEN ?2 AND ?3 AND f.hash " +
                             where);
-  Bytes bytes;
+  Sums bytes;
   if (bind_values(row, values...).executeStep()) read_row(row, bytes.all, bytes.pictures);
   return bytes;
 }
@@ -46,11 +47,11 @@ Bytes sum(SQLite::Database& database, const std::string& where, const Values&...
 /// mean one does not fit any more.
 std::size_t room(SQLite::Database& database, const RouteStore::Options& options, std::uint64_t hash,
                  const RouteStore::Part& part) {
-  const Bytes traversal = sum(database, "= ?1", hash, part.first, part.last);
-  const Bytes run = sum(database,
-                        "IN (SELECT s.hash FROM run_sources u JOIN sources s ON s.id = u.source "
-                        "WHERE u.run = ?1 AND s.hash IS NOT NULL)",
-                        part.run, part.first, part.last);
+  const Sums traversal = sum(database, "= ?1", hash, part.first, part.last);
+  const Sums run = sum(database,
+                       "IN (SELECT s.hash FROM run_sources u JOIN sources s ON s.id = u.source "
+                       "WHERE u.run = ?1 AND s.hash IS NOT NULL)",
+                       part.run, part.first, part.last);
   if (traversal.all >= options.traversal_bytes || run.all >= options.run_bytes) return 0;
   const std::size_t left = std::min(options.traversal_bytes - traversal.all, options.run_bytes - run.all);
   return traversal.pictures > 0 && left < traversal.all / traversal.pictures ? 0 : left;
@@ -128,8 +129,12 @@ bool RouteStore::keep(std::uint64_t hash, const RouteMap& map) {
   store_.with_database([&](SQLite::Database& database) {
     SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
     if (!is_shown(database, hash)) return;
-    run(database, "INSERT OR IGNORE INTO maps (hash, frames, position, latitude, longitude) VALUES (?, ?, ?, ?, ?)",
-        hash, map.frames, blob_of(map.position), blob_of(map.latitude), blob_of(map.longitude));
+    const Bytes streets = map.streets ? encode_streets(*map.streets) : Bytes();
+    run(database,
+        "INSERT OR IGNORE INTO maps (hash, frames, position, latitude, longitude, rule, streets) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?)",
+        hash, map.frames, blob_of(map.position), blob_of(map.latitude), blob_of(map.longitude),
+        static_cast<std::uint32_t>(map.rule), blob_of(streets));
     all.commit();
     kept = true;
   });

@@ -3,9 +3,12 @@
 
 #include <compare>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "core/task/state_map.h"
 
 namespace citylearn {
 
@@ -32,13 +35,17 @@ struct TraversalRow {
   std::string environment, dataset, traversal, condition;
   std::uint64_t hash = 0, frames = 0, agents = 0;
   bool images = false;
+  StateRule rule = StateRule::kLine;
+  std::uint64_t streets = 0;  ///< hash of their map
 };
 
-/// The places where the frames of a traversal were recorded.
+/// The places where the frames of a traversal were recorded, or the streets whose states they show.
 struct RouteMap {
   std::uint32_t frames = 0;
-  std::vector<float> position;              ///< F, metres along the route; NaN where unknown
-  std::vector<double> latitude, longitude;  ///< F, degrees; NaN where unknown; empty where no frame has one
+  std::vector<float> position;                    ///< F, metres along the route; NaN where unknown
+  std::vector<double> latitude, longitude;        ///< F, degrees; NaN where unknown; empty where no frame has one
+  std::shared_ptr<const StreetMap> streets = {};  ///< in order; null: a line
+  StateRule rule = StateRule::kLine;
 };
 
 /// A picture as a browser shows it.

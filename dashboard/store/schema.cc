@@ -20,7 +20,7 @@ namespace {
 constexpr std::int64_t kApplication = 0x434C4453;  // "CLDS": says whose file it is
 constexpr std::string_view kMagic{"SQLite format 3\0", 16};
 
-constexpr std::int64_t kVersion = 9;  // of kSchema; raise it whenever that changes
+constexpr std::int64_t kVersion = 10;  // of kSchema; raise it whenever that changes
 
 // Numbers of 64 bits without sign (seeds, hashes) are kept with their bits as SQLite's, which have one.
 const char* const kSchema = R"(
@@ -60,6 +60,8 @@ CREATE TABLE sources (
   frames INTEGER,
   agents INTEGER,
   images INTEGER,
+  rule INTEGER,                           -- as in TraversalInfo
+  streets INTEGER,                        -- hash of its street map; 0: it has none
   UNIQUE (session, environment, incarnation)
 );
 CREATE INDEX sources_of_hash ON sources (hash);
@@ -117,9 +119,11 @@ CREATE TABLE events (
 CREATE TABLE maps (
   hash INTEGER PRIMARY KEY,            -- of the traversal, as in `sources`
   frames INTEGER NOT NULL,
-  position BLOB NOT NULL,              -- metres along the route: float32, one a frame
+  position BLOB,                       -- metres along the route: float32, one a frame; NULL: on streets
   latitude BLOB,                       -- degrees: float64, one a frame; NULL: no frame has one
-  longitude BLOB
+  longitude BLOB,
+  rule INTEGER NOT NULL,               -- of its states, as in TraversalInfo
+  streets BLOB                         -- the object Streets; NULL: a line
 );
 CREATE TABLE pictures (
   id INTEGER PRIMARY KEY,

@@ -99,7 +99,7 @@ Store::Impl::Statements::Statements(const SQLite::Database& d)
       source_progress(d, "UPDATE sources SET contiguous = ?2, missed = ?3 WHERE id = ?1"),
       describe_source(d,
                       "UPDATE sources SET dataset = ?, traversal = ?, condition = ?, hash = ?, frames = ?, "
-                      "agents = ?, images = ? WHERE id = ?"),
+                      "agents = ?, images = ?, rule = ?, streets = ? WHERE id = ?"),
       add_episode(d,
                   "INSERT INTO episodes (run, source, episode, run_id, agent, evaluation, task, "
                   "traversal, policy, \"update\", shuffled, start, goal, steps, shortest, reward, completed, spl, "

@@ -128,7 +128,8 @@ void Store::Impl::describe(const msg::TraversalInfo& info) {
   SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
   if (described.id == 0) described.id = add_source(sender);
   run(statements->describe_source, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(),
-      info.hash(), info.frames(), info.agents(), info.images(), described.id);
+      info.hash(), info.frames(), info.agents(), info.images(), static_cast<std::uint32_t>(info.rule()),
+      info.streets_hash(), described.id);
   all.commit();
   described.described = true;
   sources[sender] = std::move(described);

@@ -6,6 +6,7 @@
 
 #include "core/util/error.h"
 #include "core/util/text.h"
+#include "core/wire/streets.h"
 #include "dashboard/store/database.h"
 #include "dashboard/store/store_impl.h"
 
@@ -100,12 +101,13 @@ StoreReader::Impl::Impl(const std::string& file)
              "ORDER BY key DESC LIMIT 1"),
       manifest(database, "SELECT manifest FROM runs WHERE id = ?"),
       // Of an environment that was started again the newest counts: SQLite takes the other columns from MAX()'s row.
-      traversals(database,
-                 "SELECT s.environment, s.dataset, s.traversal, s.condition, s.hash, s.frames, s.agents, s.images, "
-                 "MAX(s.incarnation) FROM run_sources r JOIN sources s ON s.id = r.source "
-                 "WHERE r.run = ? AND s.dataset IS NOT NULL GROUP BY s.environment ORDER BY s.environment"),
+      traversals(
+          database,
+          "SELECT s.environment, s.dataset, s.traversal, s.condition, s.hash, s.frames, s.agents, s.images, s.rule, "
+          "MAX(s.incarnation) FROM run_sources r JOIN sources s ON s.id = r.source "
+          "WHERE r.run = ? AND s.dataset IS NOT NULL GROUP BY s.environment ORDER BY s.environment"),
       episodes(database, select_episodes() + "e.run = ? AND e.id BETWEEN ? AND ? ORDER BY e.id LIMIT ?"),
-      episode(database, select_episodes(", e.path, s.hash") + "e.id = ?"),
+      episode(database, select_episodes(", e.path, s.hash, s.rule") + "e.id = ?"),
       groups(database,
              "SELECT policy, \"update\", shuffled, traversal, COUNT(*), MAX(id) FROM episodes "
              "WHERE run = ? AND evaluation = 1 GROUP BY policy, \"update\", shuffled, traversal"),
@@ -158,7 +160,9 @@ std::vector<TraversalRow> StoreReader::traversals(std::int64_t run) {
   std::vector<TraversalRow> rows;
   const auto read = [&](const auto& row) {
     TraversalRow& t = rows.emplace_back();
-    read_row(row, t.environment, t.dataset, t.traversal, t.condition, t.hash, t.frames, t.agents, t.images);
+    std::uint32_t rule = 0;
+    read_row(row, t.environment, t.dataset, t.traversal, t.condition, t.hash, t.frames, t.agents, t.images, rule);
+    t.rule = static_cast<StateRule>(rule);
   };
   impl_->each_row(impl_->traversals, read, run);
   return rows;
@@ -259,6 +263,7 @@ std::optional<StoreReader::Replay> StoreReader::episode(std::int64_t rowid) {
       replay.path.emplace(bytes, bytes + path.getBytes());
     }
     replay.hash = value_at<std::optional<std::uint64_t>>(row, column + 1);
+    replay.rule = static_cast<StateRule>(value_at<std::optional<std::uint32_t>>(row, column + 2).value_or(0));
   };
   impl_->each_row(impl_->episode, read, rowid);
   return found;
@@ -278,7 +283,8 @@ std::optional<std::int64_t> StoreReader::training_episode(std::int64_t run, std:
 
 std::optional<RouteMap> StoreReader::map(std::uint64_t hash) {
   return with_file_errors(impl_->path, [&]() -> std::optional<RouteMap> {
-    SQLite::Statement row(impl_->database, "SELECT frames, position, latitude, longitude FROM maps WHERE hash = ?");
+    SQLite::Statement row(impl_->database,
+                          "SELECT frames, position, latitude, longitude, rule, streets FROM maps WHERE hash = ?");
     if (!bind_values(row, hash).executeStep()) return std::nullopt;
     RouteMap map;
     map.frames = value_at<std::uint32_t>(row, 0);
@@ -290,6 +296,10 @@ std::optional<RouteMap> StoreReader::map(std::uint64_t hash) {
     read(1, map.position);
     read(2, map.latitude);
     read(3, map.longitude);
+    map.rule = static_cast<StateRule>(value_at<std::uint32_t>(row, 4));
+    Bytes streets;
+    read(5, streets);
+    if (!streets.empty()) map.streets = std::make_shared<const StreetMap>(decode_streets(streets));
     return map;
   });
 }

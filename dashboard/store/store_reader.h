@@ -57,6 +57,7 @@ class StoreReader {
     EpisodeRow row;
     std::optional<std::vector<std::uint8_t>> path;  ///< as in EpisodeStat; nothing: not kept
     std::optional<std::uint64_t> hash;              ///< of the traversal
+    StateRule rule = StateRule::kLine;              ///< likewise
   };
   std::optional<Replay> episode(std::int64_t rowid);
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -9,6 +11,8 @@
 #include "env_service/dataset_io/traversal.h"
 
 namespace citylearn {
+
+class StreetGraph;
 
 inline constexpr int kMaxDimension = 4096;  ///< features a frame
 
@@ -48,8 +52,17 @@ class Dataset {
   virtual Correspondence correspondence() const { return Correspondence::kIndex; }
   /// Returns pairs (frame of a, frame of b) for Correspondence::kMatches, in any order. Throws Error when it has none.
   virtual std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b);
+  /// Returns the map of streets that it has; null where it has none.
+  virtual std::shared_ptr<const StreetGraph> streets() { return nullptr; }
+  /// Makes load() return what is seen in each state under `rule`, where there is a map, or frames in a line. Unset: as
+  /// the frames fit. Datasets without a map ignore it.
+  void walk_by(std::optional<StateRule> rule) { rule_ = rule; }
+  bool on_streets() const { return rule_ && *rule_ != StateRule::kLine; }
   /// Returns what is not taken of a traversal that was loaded, where files hold more than frames.
   virtual LeftOut left_out(const std::string& /*name*/) { return {}; }
+
+ protected:
+  std::optional<StateRule> rule_;
 };
 
 /// Factories get the folder given by --data, or an empty text. Entry::about says where to get the data: "paper",

@@ -30,7 +30,7 @@ Traversal FolderDataset::load(const std::string& name) {
   traversal.condition = condition(name);
   if (std::any_of(traversal.positions.begin(), traversal.positions.end(), [](float x) { return std::isinf(x); }))
     throw Error("traversal '" + name + "' has places that are too far apart to measure", folder_, "mend its positions");
-  if (drives()) forget_impossible(traversal, folder_);
+  if (drives() && !traversal.streets) forget_impossible(traversal, folder_);
   return traversal;
 }
 

@@ -70,7 +70,7 @@ std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Sel
   if (selection.align == traversal.name) throw Error("is the traversal itself", "--align-to", "name a sibling");
   const Traversal sibling = dataset.load(selection.align);
   const std::vector<int> frames = cut(sibling, selection);
-  Correspondence by = dataset.correspondence();
+  Correspondence by = traversal.streets ? Correspondence::kIndex : dataset.correspondence();
   if (selection.by == "index") {
     by = Correspondence::kIndex;
   } else if (selection.by == "matches") {
@@ -141,11 +141,16 @@ std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames,
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
   check(selection);
   Traversal traversal = dataset.load(name);
+  if (dataset.on_streets() && !traversal.streets)
+    throw Error("'" + traversal.dataset + "' has no map of streets", "--rule", "leave it out");
   std::vector<bool> unmatched;
   const std::vector<int> frames =
       selection.align.empty() ? cut(traversal, selection) : aligned(dataset, traversal, selection, unmatched);
   std::vector<int> all(static_cast<std::size_t>(traversal.frames));
   std::iota(all.begin(), all.end(), 0);
+  if (traversal.streets && frames != all)
+    throw Error("streets are walked on as a whole", "--frames, --metres, --step or --align-to",
+                "leave it out, or give --rule line");
   if (traversal.images) {
     std::vector<int> shown = without_bad_ones(*traversal.images, frames, selection.skip_bad_frames);
     if (shown != all) traversal.images = picked(traversal.images, std::move(shown));

@@ -3,6 +3,7 @@
 
 #include <limits>
 #include <map>
+#include <optional>
 #include <string>
 
 #include "env_service/dataset_io/dataset.h"
@@ -37,7 +38,8 @@ struct Selection {
 /// Loads traversal `name`, cuts and thins it; or, when it is to be aligned, cuts and thins its sibling and picks the
 /// frame at the same place for each frame of that. Then refuses broken frames, or replaces each by the nearest good one
 /// of the recording (logging up to 20 by name); a frame keeps its own position. With nothing selected and nothing
-/// broken the traversal is as the dataset loads it, hash() included. Throws Error that names the option or the frame.
+/// broken the traversal is as the dataset loads it, hash() included. Streets are taken whole, and aligned by index.
+/// Throws Error that names the option or the frame.
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection);
 
 /// The options that name a traversal, the same in every program: a dataset, its folder and parameters, a traversal by
@@ -46,12 +48,14 @@ struct Source {
   std::string dataset = "synthetic";
   std::string folder;
   std::map<std::string, std::map<std::string, double>> parameters;  ///< as given, by dataset
+  std::optional<StateRule> rule;                                    ///< --rule: how agents walk; as the frames fit
   std::string traversal = "summer";
   std::string condition;  ///< --condition: the one traversal recorded under it, instead of --traversal
   Selection selection;
 };
 
-/// Adds --dataset, --data and --DATASET-PARAMETER for each parameter of each dataset; `group` heads them in --help.
+/// Adds --dataset, --data, --rule and --DATASET-PARAMETER for each parameter of each dataset; `group` heads them in
+/// --help.
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group);
 /// Adds these, --traversal and --condition.
 void add_source_options(CLI::App& app, Source& source, const std::string& group);

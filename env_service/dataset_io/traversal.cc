@@ -3,7 +3,9 @@
 
 #include <utility>
 
+#include "core/util/error.h"
 #include "core/util/sha256.h"
+#include "core/wire/messages.h"
 
 namespace citylearn {
 namespace {
@@ -35,6 +37,15 @@ void Traversal::keep(const std::vector<int>& kept) {
   frames = static_cast<int>(kept.size());
 }
 
+std::shared_ptr<const StateMap> Traversal::states() const {
+  if (!streets) return nullptr;
+  auto map = std::make_shared<const StateMap>(*streets, rule, msg::MAX_FRAMES);
+  if (map->states() != frames)
+    throw Error("has " + std::to_string(frames) + " frames for " + std::to_string(map->states()) + " states",
+                "traversal '" + name + "'");
+  return map;
+}
+
 std::uint64_t Traversal::hash() const {
   Sha256 sha;
   sha.add(dataset);
@@ -44,6 +55,10 @@ std::uint64_t Traversal::hash() const {
   sha.add(positions);
   if (images)
     for (int frame = 0; frame < frames; ++frame) sha.add(images->fingerprint(frame));
+  if (streets) {
+    sha.add(streets->hash());
+    sha.add(static_cast<std::uint64_t>(rule));
+  }
   return sha.first_8_bytes();
 }
 

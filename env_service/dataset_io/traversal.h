@@ -7,13 +7,14 @@
 #include <string>
 #include <vector>
 
+#include "core/task/state_map.h"
 #include "env_service/images/images.h"
 
 namespace citylearn {
 
 /// An ordered list of frames recorded once along a route under one condition, given by features or by images. As a
 /// dataset loads it, frames are as they were recorded; once aligned to a sibling (selection.h), frame i of both shows
-/// the same place.
+/// the same place. On streets frame i is what an agent sees in state i.
 struct Traversal {
   std::string dataset;           ///< "plain", "synthetic"
   std::string name;              ///< unique within the dataset: "summer"
@@ -29,15 +30,19 @@ struct Traversal {
   std::vector<double> x, y;        ///< F, metres of any plane, as odometry has them, NaN where unknown; or empty
   std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
   std::vector<bool> unmatched;     ///< F, frames that show another place than a sibling's: no task is there; or empty
-  std::string places_from;         ///< what tells where frames are, a file below the folder or "EXIF"; or empty
+  std::shared_ptr<const StreetMap> streets;  ///< in order; null on a line
+  StateRule rule = StateRule::kLine;         ///< which states there are, F
+  std::string places_from;  ///< what tells where frames are, a file below the folder or "EXIF"; or empty
 
   std::span<const float> feature(int frame) const {
     return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};
   }
+  /// Returns the states of its streets; null on a line. Throws Error unless it has a frame for each.
+  std::shared_ptr<const StateMap> states() const;
   /// Keeps `kept`, in that order, of the frames; indices may repeat. Leaves images as they are and takes no turns.
   void keep(const std::vector<int>& kept);
-  /// Returns the first 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and turns,
-  /// without the name.
+  /// Returns the first 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and streets
+  /// with their rule, without the name.
   std::uint64_t hash() const;
 };
 

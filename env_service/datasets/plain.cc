@@ -16,6 +16,7 @@
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/photographs.h"
 #include "env_service/dataset_io/poses.h"
+#include "env_service/dataset_io/street_views.h"
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/files.h"
 
@@ -33,6 +34,7 @@ constexpr int kPictureDepth = 3;   // folders below that of a traversal in which
 ///   NAME.csv           features: a frame a line, separated by commas, no header
 ///   NAME/              a folder of pictures, or that holds one with them, in the order of pictures_in()
 ///   NAME.mp4, .avi ... a film, or a folder NAME with one; all its chapters are one film
+/// Where nodes.txt and links.txt (StreetGraph) lie beside them, their frames may be views of that map (show_states).
 /// Where frames are, says the first of these that is there: NAME.poses.csv (or NAME/poses.csv) beside it (poses.h), a
 /// track NAME.gpx, .nmea, .kml or .geojson, a film's own track or NAME.srt, the pictures' EXIF data, or the only track
 /// there. Tracks may lie in NAME/ too. matches.csv says which frames of two traversals are the same place.
@@ -52,6 +54,11 @@ class Plain : public FolderDataset {
     return matches_file().empty() ? Correspondence::kIndex : Correspondence::kMatches;
   }
 
+  std::shared_ptr<const StreetGraph> streets() override {
+    if (!streets_) streets_ = StreetGraph::find_in(folder_);
+    return streets_;
+  }
+
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
     return matches_file().empty() ? Dataset::matches(a, b) : read_matches(matches_file(), a, b);
   }
@@ -63,6 +70,12 @@ class Plain : public FolderDataset {
  private:
   Traversal read(const std::string& name) override {
     const std::vector<std::string> paths = sources().at(name);
+    Traversal traversal = recorded_at(name, paths);
+    if (const auto map = rule_ == StateRule::kLine ? nullptr : streets()) show_states(traversal, *map, rule_, paths[0]);
+    return traversal;
+  }
+
+  Traversal recorded_at(const std::string& name, const std::vector<std::string>& paths) const {
     const std::string& path = paths[0];
     double began = std::nan("");  // when the clock of the frames' times was 0
     std::vector<double> begins;   // of a film's chapters, on it
@@ -260,7 +273,8 @@ class Plain : public FolderDataset {
     return found;
   }
 
-  const double clock_offset_;  ///< seconds
+  const double clock_offset_;                   ///< seconds
+  std::shared_ptr<const StreetGraph> streets_;  ///< null: not read, or not there
 };
 
 /// A robot on a route that it was taught, which is a traversal of Plain.
@@ -282,7 +296,9 @@ const DatasetRegistry::Registration live_registration({
 const DatasetRegistry::Registration plain_registration({
     "plain",
     "a folder (--data) of traversals: NAME.csv (one frame a line, comma-separated features, no header), a folder NAME "
-    "of pictures, or a video NAME.mp4; NAME.poses.csv, a track NAME.gpx, EXIF data and matches.csv may give places",
+    "of pictures, or a video NAME.mp4; NAME.poses.csv, a track NAME.gpx, EXIF data and matches.csv may give places, "
+    "nodes.txt and "
+    "links.txt a map of streets",
     {{"clock-offset",
       "seconds by which a track's clock is ahead of the frames'; of films that do not say when they began: from the "
       "track's first point to second 0",

@@ -6,12 +6,13 @@
 
 #include "core/files/image_header.h"
 #include "core/util/sha256.h"
+#include "core/wire/messages.h"
 #include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/street_views.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/images/panorama.h"
-#include "env_service/streets/street_graph.h"
 
 namespace citylearn {
 namespace {
@@ -45,15 +46,16 @@ class Views : public DerivedImages {
   Bytes panorama_;
 };
 
-/// Panoramas of StreetLearn as it is published. Each is looked at once, and read again when it is wanted.
+/// Panoramas of StreetLearn as it is published. Each is looked at once, and read again when it is wanted. Of a `city`,
+/// which has tens of gigabytes, none is looked at: its ids name the pictures, once and for all.
 class Panoramas : public Images {
  public:
-  Panoramas(std::shared_ptr<const LevelDb> database, std::vector<std::string> ids)
+  Panoramas(std::shared_ptr<const LevelDb> database, std::vector<std::string> ids, bool city)
       : database_(std::move(database)), ids_(std::move(ids)) {
     for (const std::string& id : ids_) {
       const auto [entry, added] = entries_.try_emplace(id);
       try {
-        if (added) entry->second.fingerprint = sha_of(read(id));
+        if (added) entry->second.fingerprint = sha_of(city ? id : read(id));
       } catch (const Error& error) {
         entry->second.fault = error.what();
       }
@@ -110,7 +112,9 @@ class Panoramas : public Images {
 /// A traversal is a route, by shortest paths (metres) from each id to the next; without routes.txt they are found:
 /// "route-1" between two places far apart, then routes from places spread over the map to those farthest from them.
 /// Each frame looks towards the next panorama; the last one, where the one before it looked. The view is a perspective
-/// crop of 90 degrees, as in StreetLearn. The middle column of a panorama looks where `yaw`, or heading_deg, says.
+/// crop of 90 degrees, as in StreetLearn. Under a rule of streets the only traversal is the whole map, "streets", of
+/// which frame i looks from the place of state i to where that state faces. The middle column of a panorama looks where
+/// `yaw`, or heading_deg, says.
 class StreetLearn : public FolderDataset {
  public:
   StreetLearn(const std::string& folder, const Parameters& parameters)
@@ -127,27 +131,54 @@ class StreetLearn : public FolderDataset {
 
   std::string condition(const std::string&) override { return "day"; }
   Correspondence correspondence() const override { return Correspondence::kGps; }
+  std::shared_ptr<const StreetGraph> streets() override {
+    read_graph();
+    return graph_;
+  }
 
  private:
   Traversal read(const std::string& name) override {
+    if (on_streets()) return read_streets(name);
     const auto found = std::find_if(routes_.begin(), routes_.end(), [&](auto& route) { return route.first == name; });
     std::vector<std::string> ids;
     std::vector<double> headings, latitude, longitude;
-    for (const StreetStep& step : graph_.walk(found->second, below(folder_, "route " + name))) {
-      const StreetPlace& place = graph_.places()[static_cast<std::size_t>(step.place)];
+    for (const StreetStep& step : graph_->walk(found->second, below(folder_, "route " + name))) {
+      const StreetPlace& place = graph_->places()[static_cast<std::size_t>(step.place)];
       ids.push_back(place.id);
       headings.push_back(step.heading - place.yaw);
       latitude.push_back(place.latitude);
       longitude.push_back(place.longitude);
     }
-    Traversal traversal =
-        pictured(name, cached(std::make_shared<Views>(panoramas(std::move(ids)), std::move(headings), view_)), folder_);
+    Traversal traversal = viewed(name, panoramas(std::move(ids)), std::move(headings));
     locate(traversal, latitude, longitude);
     return traversal;
   }
 
+  /// Returns what is seen in each state of the map.
+  Traversal read_streets(const std::string& name) const {
+    std::vector<std::uint32_t> rows;
+    const auto map = std::make_shared<const StreetMap>(graph_->map(rows));
+    const StateMap states(*map, *rule_, msg::MAX_FRAMES);
+    std::vector<std::string> ids;
+    for (const StreetPlace& place : graph_->places()) ids.push_back(place.id);
+    std::vector<int> which;
+    std::vector<double> headings;
+    for (int state = 0; state < states.states(); ++state) {
+      which.push_back(states.place(state));
+      headings.push_back(static_cast<double>(states.heading(state)) -
+                         graph_->places()[static_cast<std::size_t>(which.back())].yaw);
+    }
+    Traversal traversal = viewed(name, picked(panoramas(std::move(ids)), std::move(which)), std::move(headings));
+    set_streets(traversal, *graph_, map, *rule_, states);
+    return traversal;
+  }
+
+  Traversal viewed(const std::string& name, std::shared_ptr<Images> panoramas, std::vector<double> headings) const {
+    return pictured(name, cached(std::make_shared<Views>(std::move(panoramas), std::move(headings), view_)), folder_);
+  }
+
   std::shared_ptr<Images> panoramas(std::vector<std::string> ids) const {
-    if (database_) return std::make_shared<Panoramas>(database_, std::move(ids));
+    if (database_) return std::make_shared<Panoramas>(database_, std::move(ids), on_streets());
     for (std::string& id : ids) {
       const std::string jpeg = "panos/" + id + ".jpg", file = first_file(folder_, {jpeg, "panos/" + id + ".png"});
       id = file.empty() ? below(folder_, jpeg) : file;
@@ -160,15 +191,14 @@ class StreetLearn : public FolderDataset {
     routes_.clear();
     if (LevelDb::is_in(folder_)) {
       database_ = std::make_shared<LevelDb>(folder_);
-      graph_ = StreetGraph::from_leveldb(*database_);
+      graph_ = std::make_shared<const StreetGraph>(StreetGraph::from_leveldb(*database_));
     } else {
-      const std::string nodes = first_file(folder_, {"nodes.txt", "graph/nodes.txt"});
-      const std::string links = first_file(folder_, {"links.txt", "graph/links.txt"});
-      if (nodes.empty() || links.empty()) not_recognised("nodes.txt and links.txt in it");
-      if (!is_folder(below(folder_, "panos"))) not_recognised("panos/ in it");
-      graph_ = StreetGraph::from_files(nodes, links);
+      if (is_folder(below(folder_, "panos"))) graph_ = StreetGraph::find_in(folder_);
+      if (!graph_) not_recognised("nodes.txt, links.txt and panos/ in it");
     }
-    if (const std::string path = below(folder_, "routes.txt"); is_file(path))
+    if (on_streets())
+      routes_.emplace_back("streets", std::vector<int>());
+    else if (const std::string path = below(folder_, "routes.txt"); is_file(path))
       read_routes(path);
     else
       find_routes();
@@ -186,7 +216,7 @@ class StreetLearn : public FolderDataset {
       std::vector<int> stops;
       for (int column = 1; column < table.columns(row); ++column) {
         const std::string id(table.text(row, column));
-        stops.push_back(graph_.find(id));
+        stops.push_back(graph_->find(id));
         if (stops.back() < 0) table.fail(row, "id " + printable(id) + " is not a panorama of the map");
       }
       routes_.emplace_back(name, stops);
@@ -194,11 +224,11 @@ class StreetLearn : public FolderDataset {
   }
 
   void find_routes() {
-    const auto count = static_cast<int>(graph_.places().size());
+    const auto count = static_cast<int>(graph_->places().size());
     for (int route = 0; route < wanted_ && count > 1; ++route) {
       int start = static_cast<int>(static_cast<long>(route) * count / wanted_);
-      if (route == 0) start = graph_.farthest(start);
-      const int end = graph_.farthest(start);
+      if (route == 0) start = graph_->farthest(start);
+      const int end = graph_->farthest(start);
       if (end == start) continue;
       const std::vector<int> stops{start, end};
       if (std::none_of(routes_.begin(), routes_.end(), [&](auto& other) { return other.second == stops; }))
@@ -210,13 +240,14 @@ class StreetLearn : public FolderDataset {
   int wanted_;
   bool read_ = false;
   std::shared_ptr<const LevelDb> database_;  // none: read from files
-  StreetGraph graph_;
+  std::shared_ptr<const StreetGraph> graph_;
   std::vector<std::pair<std::string, std::vector<int>>> routes_;
 };
 
 const DatasetRegistry::Registration streetlearn_registration({
     "streetlearn",
-    "StreetLearn: routes through a graph of street panoramas, a LevelDB or files",
+    "StreetLearn: routes through a graph of street panoramas, a LevelDB or files; with --rule street traversal "
+    "streets, the whole graph",
     {{"fov", "field of view of the crop, degrees", 90, 30, 120},
      {"size", "width and height of the crop, pixels", 224, 84, 512, true},
      {"routes", "number of routes to find when there is no routes.txt", 4, 1, 64, true}},

@@ -2,12 +2,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <memory>
 
 #include "core/util/random.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
 #include "env_service/drawn_city/drawn_images.h"
+#include "env_service/images/image_sources.h"
 
 // The same bits on every machine: whole-number random lanes, + - * / and square roots, which IEEE 754 rounds in one
 // way, and no fused multiply-add (this file is compiled with -ffp-contract=off). Nothing of libm but sqrt.
@@ -36,6 +39,10 @@ constexpr double kMean = 0.74;     // length of the mean vector
 constexpr double kCut = 0.10;      // a scene ends here: tunnel, station, bend. Probability per frame
 
 constexpr double kFeatureSpacing = 10;  // metres between frames, as on the recordings
+
+constexpr int kStreets = 8, kBlock = 4;                  // streets each way of a city of streets; links of a block
+constexpr int kStreetLinks = (kStreets - 1) * kBlock;    // of a street, one way
+constexpr int kViews = 2 * 2 * kStreets * kStreetLinks;  // of a city of streets: each link is one
 
 constexpr double kTunnel = 0.05;      // a tunnel begins here. Probability per frame
 constexpr double kTunnelEnds = 0.45;  // its length is geometric
@@ -121,6 +128,32 @@ Vector direction(int dimension, double length, Random random) {
   return vector;
 }
 
+/// Returns a grid of streets, link after link of each street and of its other side.
+StreetMap grid(double spacing) {
+  StreetMap map;
+  std::map<std::pair<int, int>, std::uint32_t> places;
+  const auto place = [&](int east, int north) {
+    const auto [at, added] = places.try_emplace({east, north}, static_cast<std::uint32_t>(places.size()));
+    if (added) {
+      map.east.push_back(static_cast<float>(east * spacing));
+      map.north.push_back(static_cast<float>(north * spacing));
+    }
+    return at->second;
+  };
+  for (int direction = 0; direction < 4; ++direction)  // north, east, south, west
+    for (int street = 0; street < kStreets; ++street)
+      for (int link = 0; link < kStreetLinks; ++link) {
+        const auto at = [&](int done) {
+          const int along = direction < 2 ? done : kStreetLinks - done, across = street * kBlock;
+          return direction % 2 ? place(along, across) : place(across, along);
+        };
+        map.from.push_back(at(link));
+        map.to.push_back(at(link + 1));
+        map.heading.push_back(90.0f * static_cast<float>(direction));
+      }
+  return map;
+}
+
 /// A generated route, as pictures or as features under four conditions. A place of features is what all conditions
 /// share plus what each has of its own; both drift along the route, and have a part that belongs to the single frame.
 class Synthetic : public Dataset {
@@ -147,10 +180,12 @@ class Synthetic : public Dataset {
   }
 
   Traversal load(const std::string& name) override {
-    if (images_) return draw(name);
-    for (std::size_t index = 0; index < kConditions.size(); ++index)
-      if (kConditions[index].name == name) return generate(index);
-    throw unknown_traversal(name, "dataset synthetic", names());
+    const std::vector<std::string> known = names();
+    const auto found = std::find(known.begin(), known.end(), name);
+    if (found == known.end()) throw unknown_traversal(name, "dataset synthetic", known);
+    Traversal traversal = images_ ? draw(name) : generate(static_cast<std::size_t>(found - known.begin()));
+    if (on_streets()) show_streets(traversal);
+    return traversal;
   }
 
  private:
@@ -169,10 +204,10 @@ class Synthetic : public Dataset {
   /// Returns metres along the route, about `spacing` apart; the same under every condition.
   std::vector<float> drive(double spacing) const {
     std::vector<float> positions;
-    positions.reserve(static_cast<std::size_t>(frames_));
+    positions.reserve(static_cast<std::size_t>(frames()));
     Random way = stream(kWayStream);
     double metres = 0, speed = 0;
-    for (int i = 0; i < frames_; ++i) {
+    for (int i = 0; i < frames(); ++i) {
       positions.push_back(static_cast<float>(metres));
       speed = 0.95 * speed + 0.05 * (2 * way.uniform() - 1);  // -1..1
       metres += spacing * (1 + speed);
@@ -180,14 +215,26 @@ class Synthetic : public Dataset {
     return positions;
   }
 
-  Traversal draw(const std::string& name) {
-    const std::vector<std::string> known = names();
-    if (std::find(known.begin(), known.end(), name) == known.end())
-      throw unknown_traversal(name, "dataset synthetic", known);
+  int frames() const { return on_streets() ? kViews : frames_; }
+
+  /// Makes the frames of a drive through all streets, one way and the other, the views along the links of their grid.
+  void show_streets(Traversal& traversal) const {
+    if (rule_ != StateRule::kStreet) throw Error("the drawn city is seen along its links", "--rule", "take street");
+    auto map = std::make_shared<StreetMap>(grid(images_ ? spacing_ : kFeatureSpacing));
+    const std::vector<std::uint32_t> drive = map->put_in_order();
+    const std::vector<int> shown(drive.begin(), drive.end());
+    if (traversal.images) traversal.images = picked(traversal.images, shown);
+    traversal.keep(shown);
+    traversal.positions.assign(shown.size(), std::numeric_limits<float>::quiet_NaN());
+    traversal.streets = std::move(map);
+    traversal.rule = StateRule::kStreet;
+  }
+
+  Traversal draw(const std::string& name) const {
     Traversal traversal;
     traversal.dataset = "synthetic";
     traversal.name = traversal.condition = name;
-    traversal.frames = frames_;
+    traversal.frames = frames();
     traversal.positions = drive(spacing_);
     traversal.images = drawn_images(drawn_, name, traversal.positions);
     return traversal;
@@ -198,9 +245,9 @@ class Synthetic : public Dataset {
     Traversal traversal;
     traversal.dataset = "synthetic";
     traversal.name = traversal.condition = condition.name;
-    traversal.frames = frames_;
+    traversal.frames = frames();
     traversal.dimension = dimension_;
-    traversal.features.reserve(static_cast<std::size_t>(frames_) * dimension_);
+    traversal.features.reserve(static_cast<std::size_t>(frames()) * dimension_);
     traversal.positions = drive(kFeatureSpacing);
 
     const Vector deviation = spectrum(dimension_, 2.8), own_deviation = spectrum(dimension_, 0.6);
@@ -218,7 +265,7 @@ class Synthetic : public Dataset {
     double strength = 1;
     bool tunnel = false;
     Vector x(dimension_);
-    for (int i = 0; i < frames_; ++i) {
+    for (int i = 0; i < frames(); ++i) {
       const bool cut = place.uniform() < kCut;
       tunnel = place.uniform() < (tunnel ? 1 - kTunnelEnds : kTunnel);
       if (cut) strength = 0.4 + 1.1 * place.uniform();
@@ -251,8 +298,9 @@ class Synthetic : public Dataset {
 
 const DatasetRegistry::Registration synthetic_registration({
     "synthetic",
-    "a generated route: pictures of a drive under seven conditions, or features like real ones under four",
-    {{"frames", "frames of the route", 1000, 2, msg::MAX_FRAMES, true},
+    "a generated route: pictures of a drive under seven conditions, or features like real ones under four; with --rule "
+    "street a grid of 8 x 8 streets",
+    {{"frames", "frames of the route; streets have their own", 1000, 2, msg::MAX_FRAMES, true},
      {"dimension", "features a frame, without images", 64, 8, kMaxDimension, true},
      {"seed", "seed of the city", 1, 0, 1e9, true},
      {"images", "1: draws pictures, for an encoder_service; 0: generates features, 10 m apart", 1, 0, 1, true},

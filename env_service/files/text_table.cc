@@ -20,13 +20,13 @@ constexpr std::size_t kMaxFields = std::size_t{1} << 26;
 
 bool blank(char c) { return c == ' ' || c == '\t'; }
 
+}  // namespace
+
 std::string_view trimmed(std::string_view text) {
   while (!text.empty() && blank(text.front())) text.remove_prefix(1);
   while (!text.empty() && blank(text.back())) text.remove_suffix(1);
   return text;
 }
-
-}  // namespace
 
 void each_line(std::string_view text, const std::function<void(std::string_view, int)>& visit) {
   std::size_t at = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // a byte order mark

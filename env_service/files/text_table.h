@@ -9,6 +9,8 @@
 
 namespace citylearn {
 
+/// Returns the text without blanks and tabs at its ends.
+std::string_view trimmed(std::string_view text);
 /// Calls `visit(line, number)` for each line of a text, without blanks and tabs at its ends; numbers begin with 1. Line
 /// ends may be LF, CRLF or CR alone; a byte order mark is skipped.
 void each_line(std::string_view text, const std::function<void(std::string_view line, int number)>& visit);

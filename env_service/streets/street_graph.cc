@@ -1,24 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/streets/street_graph.h"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
+#include <array>
+#include <boost/graph/compressed_sparse_row_graph.hpp>
+#include <boost/graph/strong_components.hpp>
 #include <cmath>
+#include <cstring>
+#include <fstream>
+#include <functional>
 #include <limits>
+#include <map>
 #include <queue>
 
 #include "core/util/error.h"
+#include "core/wire/messages.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
+#include "env_service/geometry/plane.h"
 #include "env_service/streets/protobuf.h"
 
 namespace citylearn {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kOpposed = 45;               // degrees between a link's heading and that of its ends
 constexpr double kOneSpot = 0.01;             // metres: nearer places have no direction from one to the other
 constexpr std::size_t kMaxIdCharacters = 64;  // published ids have 22
-constexpr std::size_t kMaxPlaces = 1'048'576, kMaxLinks = 1'048'576, kMaxLinksOfPlace = 255;
+constexpr std::size_t kMaxLine = 1024;        // characters of a line of a file
 constexpr const char* kGraphKey = "panos_connectivity";
 
 double turned(double degrees) {
@@ -39,7 +51,47 @@ enum Coords { kLatitude = 1, kLongitude = 2 };
 }  // namespace field
 
 std::string too_many_links(const std::string& place) {
-  return "more than " + std::to_string(kMaxLinksOfPlace) + " links at " + place;
+  return "more than " + std::to_string(StreetMap::kMaxLinksOfPlace) + " links at " + place;
+}
+
+/// What may be wrong with places or links.
+struct Finding {
+  std::size_t count = 0;
+  std::string first = {};
+  void add(const std::string& name) {
+    if (count++ == 0) first = name;
+  }
+};
+
+/// A line of a text file.
+struct GraphRow {
+  int line = 0;
+  std::vector<std::string_view> fields;
+  double number(std::size_t column) const { return field_number(fields, column); }
+};
+
+/// Calls `use` for each row of a file, whose fields stand between commas. It returns what is wrong with the row, or an
+/// empty text. Holds one line at a time, so that a file of any size takes no memory.
+void each_row(const std::string& path, std::size_t columns, const char* otherwise,
+              const std::function<std::string(const GraphRow&)>& use) {
+  std::ifstream file(path);
+  std::array<char, kMaxLine> text;
+  GraphRow row;
+  const auto require = [&](bool good, const std::string& fault) {
+    if (!good) throw Error(fault, path + ":" + std::to_string(row.line));
+  };
+  while (++row.line, file.getline(text.data(), text.size()))
+    each_line({text.data(), std::strlen(text.data())}, [&](std::string_view line, int) {
+      if (line.empty() || line.front() == '#') return;
+      row.fields.clear();
+      for (std::size_t begin = 0, end = 0; end != line.npos; begin = end + 1)
+        row.fields.push_back(trimmed(line.substr(begin, (end = line.find(',', begin)) - begin)));
+      require(row.fields.size() == columns, otherwise);
+      const std::string fault = use(row);
+      require(fault.empty(), fault);
+    });
+  require(file.eof(),
+          file.gcount() > 0 ? "a line of more than " + std::to_string(kMaxLine - 1) + " characters" : "cannot be read");
 }
 
 StreetPlace place_of(std::string_view pano, const std::string& where) {
@@ -67,7 +119,7 @@ std::string StreetGraph::add(StreetPlace place) {
   if (!std::isfinite(place.yaw)) return "the heading of " + place.id + " is not a finite number";
   if (!(std::abs(place.latitude) <= 90) || !(std::abs(place.longitude) <= 180))
     return "the coordinates of " + place.id + " are not latitude and longitude in degrees";
-  if (places_.size() == kMaxPlaces) return "more than " + std::to_string(kMaxPlaces) + " places";
+  if (places_.size() == msg::MAX_FRAMES) return "more than " + std::to_string(msg::MAX_FRAMES) + " places";
   if (!index_.emplace(place.id, static_cast<int>(places_.size())).second)
     return "a second row for this id, " + place.id;
   place.yaw = turned(place.yaw);
@@ -75,47 +127,46 @@ std::string StreetGraph::add(StreetPlace place) {
   return "";
 }
 
-std::string StreetGraph::add_link(int from, int to, const double* heading) {
+std::string StreetGraph::add_link(int from, int to, int line, const double* heading) {
   StreetPlace& start = places_[static_cast<std::size_t>(from)];
   const StreetPlace& end = places_[static_cast<std::size_t>(to)];
   if (from == to) return start.id + " is linked with itself";
-  if (start.links.size() == kMaxLinksOfPlace) return too_many_links(start.id);
-  if (links_ == kMaxLinks) return "more than " + std::to_string(kMaxLinks) + " links";
+  if (start.links.size() == StreetMap::kMaxLinksOfPlace) return too_many_links(start.id);
+  if (links_ == msg::MAX_FRAMES) return "more than " + std::to_string(msg::MAX_FRAMES) + " links";
   const double metres = metres_between(start.latitude, start.longitude, end.latitude, end.longitude);
   const double at = heading             ? *heading
                     : metres < kOneSpot ? start.yaw
                                         : heading_between(start.latitude, start.longitude, end.latitude, end.longitude);
-  start.links.push_back({to, turned(at), metres});
+  start.links.push_back({to, turned(at), metres, line});
   ++links_;
   return "";
 }
 
 StreetGraph StreetGraph::from_files(const std::string& nodes, const std::string& links) {
   StreetGraph graph;
-  const TextTable node_table(nodes, {',', false});
-  const auto check = [](const TextTable& table, int row, const std::string& fault) {
-    if (!fault.empty()) table.fail(row, fault);
-  };
-  for (int row = 0; row < node_table.rows(); ++row) {
-    if (node_table.columns(row) != 4) node_table.fail(row, "not a panorama's id, yaw, latitude and longitude");
-    check(node_table, row,
-          graph.add({std::string(node_table.text(row, 0)), node_table.number(row, 1), node_table.number(row, 2),
-                     node_table.number(row, 3)}));
-  }
-  const TextTable link_table(links, {',', false});
-  for (int row = 0; row < link_table.rows(); ++row) {
-    if (link_table.columns(row) != 3) link_table.fail(row, "not an id, a bearing and an id");
+  each_row(nodes, 4, "not a panorama's id, yaw, latitude and longitude", [&](const GraphRow& row) {
+    return graph.add({std::string(row.fields[0]), row.number(1), row.number(2), row.number(3)});
+  });
+  each_row(links, 3, "not an id, a bearing and an id", [&](const GraphRow& row) {
     int ends[2];
-    for (const int end : {0, 1}) {
-      const std::string id(link_table.text(row, 2 * end));
+    for (const std::size_t end : {0, 1}) {
+      const std::string id(row.fields[2 * end]);
       ends[end] = graph.find(id);
-      if (ends[end] < 0) link_table.fail(row, "id " + printable(id) + " is not in nodes.txt");
+      if (ends[end] < 0) return "id " + printable(id) + " is not in nodes.txt";
     }
-    const double heading = link_table.number(row, 1);
-    check(link_table, row, graph.add_link(ends[0], ends[1], &heading));
-  }
+    const double heading = row.number(1);
+    if (!std::isfinite(heading)) return "'" + printable(row.fields[1]) + "' is not a heading in degrees";
+    return graph.add_link(ends[0], ends[1], row.line, &heading);
+  });
   if (graph.links_ == 0) throw Error("links no two panoramas", links);
+  graph.where_ = links;
   return graph;
+}
+
+std::shared_ptr<const StreetGraph> StreetGraph::find_in(const std::string& folder) {
+  const std::string nodes = first_file(folder, {"nodes.txt", "graph/nodes.txt"}),
+                    links = first_file(folder, {"links.txt", "graph/links.txt"});
+  return nodes.empty() || links.empty() ? nullptr : std::make_shared<const StreetGraph>(from_files(nodes, links));
 }
 
 StreetGraph StreetGraph::from_leveldb(const LevelDb& database) {
@@ -142,7 +193,7 @@ StreetGraph StreetGraph::from_leveldb(const LevelDb& database) {
     while (connection.next()) {
       if (connection.field() == field::kId) id = connection.text();
       if (connection.field() == field::kNeighbor) neighbors.push_back(connection.text());
-      if (neighbors.size() > kMaxLinksOfPlace) check(too_many_links(printable(id)));
+      if (neighbors.size() > StreetMap::kMaxLinksOfPlace) check(too_many_links(printable(id)));
     }
     require_whole(connection, where);
     const int from = graph.find(id);
@@ -150,11 +201,89 @@ StreetGraph StreetGraph::from_leveldb(const LevelDb& database) {
     for (const std::string_view neighbor : neighbors) {
       const int to = graph.find(std::string(neighbor));
       if (to < 0) check("links " + id + " with panorama " + printable(neighbor) + ", which it does not describe");
-      check(graph.add_link(from, to, nullptr));
+      check(graph.add_link(from, to, static_cast<int>(graph.links_), nullptr));
     }
   });
   if (graph.links_ == 0) throw Error("links no two panoramas", where);
+  graph.where_ = where;
   return graph;
+}
+
+StreetMap StreetGraph::map(std::vector<std::uint32_t>& rows) const {
+  StreetMap map;
+  std::vector<std::pair<int, const StreetLink*>> links;  // with the places that they leave
+  const StreetPlace& first = places_.front();
+  for (const StreetPlace& place : places_) {
+    const double metres = metres_between(first.latitude, first.longitude, place.latitude, place.longitude);
+    const double heading =
+        metres > 0 ? kDegree * heading_between(first.latitude, first.longitude, place.latitude, place.longitude) : 0;
+    map.east.push_back(static_cast<float>(metres * std::sin(heading)));
+    map.north.push_back(static_cast<float>(metres * std::cos(heading)));
+    for (const StreetLink& link : place.links) {
+      const StreetPlace& end = places_[static_cast<std::size_t>(link.to)];
+      if (end.links.empty())
+        throw Error("leads to " + end.id + ", which no link leaves", position_of(link),
+                    "add one, or leave out the place");
+      links.emplace_back(static_cast<int>(&place - &first), &link);
+    }
+  }
+  std::sort(links.begin(), links.end(), [](auto& a, auto& b) { return a.second->line < b.second->line; });
+  for (const auto& [from, link] : links) {
+    map.from.push_back(static_cast<std::uint32_t>(from));
+    map.to.push_back(static_cast<std::uint32_t>(link->to));
+    map.heading.push_back(static_cast<float>(link->heading));
+  }
+  rows = map.put_in_order();
+  return map;
+}
+
+std::vector<std::string> StreetGraph::description() const {
+  using Graph = boost::compressed_sparse_row_graph<boost::directedS>;
+  std::vector<std::pair<std::size_t, std::size_t>> ends;
+  std::size_t junctions = 0, dead_ends = 0, one_way = 0;
+  Finding opposed, shared, apart;
+  std::map<std::pair<long, long>, int> spots;  // places, by 1e-7 degrees, a centimetre
+  const auto spot = [](const StreetPlace& place) {
+    return std::pair(std::lround(place.latitude * 1e7), std::lround(place.longitude * 1e7));
+  };
+  for (std::size_t from = 0; from < places_.size(); ++from) {
+    const StreetPlace& place = places_[from];
+    ++spots[spot(place)];
+    junctions += place.links.size() > 2;
+    dead_ends += place.links.size() == 1;
+    for (const StreetLink& link : place.links) {
+      const StreetPlace& end = places_[static_cast<std::size_t>(link.to)];
+      ends.emplace_back(from, static_cast<std::size_t>(link.to));
+      one_way += std::none_of(end.links.begin(), end.links.end(),
+                              [&](const StreetLink& back) { return back.to == static_cast<int>(from); });
+      if (link.metres < kOneSpot) continue;
+      const double off =
+          turned(heading_between(place.latitude, place.longitude, end.latitude, end.longitude) - link.heading);
+      if (std::min(off, 360 - off) > kOpposed) opposed.add(position_of(link));
+    }
+  }
+  std::vector<std::size_t> parts(places_.size()), sizes(places_.size());
+  const Graph graph(boost::edges_are_unsorted_multi_pass, ends.begin(), ends.end(), places_.size());
+  boost::strong_components(graph,
+                           boost::make_iterator_property_map(parts.begin(), boost::get(boost::vertex_index, graph)));
+  for (const std::size_t part : parts) ++sizes[part];
+  const auto largest = static_cast<std::size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
+  for (std::size_t place = 0; place < places_.size(); ++place) {
+    if (parts[place] != largest) apart.add(places_[place].id);
+    if (spots[spot(places_[place])] > 1) shared.add(places_[place].id);
+  }
+  std::vector<std::string> lines{
+      fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}", places_.size(), links_,
+                  junctions, dead_ends, one_way)};
+  const auto say = [&](const Finding& finding, const char* what, const char* remedy) {
+    if (finding.count > 0)
+      lines.push_back(fmt::format("streets: {}: {}, the first {} ({})", what, finding.count, finding.first, remedy));
+  };
+  say(apart, "places that cannot be reached from the others, or not left for them", "add links, or leave them out");
+  say(opposed, "links that head over 45 degrees off from the positions of their ends",
+      "agents go by the headings: check those of long links");
+  say(shared, "places at the spot of another", "join them, or take --rule street: streetlearn goes by positions");
+  return lines;
 }
 
 int StreetGraph::find(const std::string& id) const {

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <memory>
 #include <string>
 #include <string_view>
 #include <unordered_map>
 #include <vector>
 
+#include "core/task/street_map.h"
 #include "env_service/streets/leveldb.h"
 
 namespace citylearn {
@@ -14,6 +16,7 @@ namespace citylearn {
 struct StreetLink {
   int to = 0;
   double heading = 0, metres = 0;  ///< degrees clockwise from north, 0 <= heading < 360; metres of the straight line
+  int line = 0;                    ///< of links.txt; in a LevelDB they are counted
 };
 struct StreetPlace {
   std::string id;
@@ -29,14 +32,22 @@ struct StreetStep {
 /// Places and the directed links between them, as a map of streets has them.
 class StreetGraph {
  public:
-  /// Reads nodes.txt and links.txt. Throws Error naming file and line where the map is wrong.
+  /// Reads nodes.txt and links.txt, a line at a time. Throws Error naming file and line where the map is wrong or
+  /// larger than msg::MAX_FRAMES.
   static StreetGraph from_files(const std::string& nodes, const std::string& links);
+  /// Reads these of a folder, or of graph/ in it. Returns null where one of them is not there.
+  static std::shared_ptr<const StreetGraph> find_in(const std::string& folder);
   /// Reads the map of StreetLearn as it is published. A link's heading is that from position to position; where both
   /// are at one spot (1 cm) it is the yaw of the place that the link leaves, as a direction does not exist there.
   /// Throws Error naming the folder and what is wrong.
   static StreetGraph from_leveldb(const LevelDb& database);
 
   const std::vector<StreetPlace>& places() const { return places_; }
+  /// Returns the map in order, places by their indices, in metres from the first one; and in `rows` which link each
+  /// was, in the order in which they were read. Throws Error that names a link to a place that cannot be left.
+  StreetMap map(std::vector<std::uint32_t>& rows) const;
+  /// Returns lines for a person: what there is, and what may be wrong.
+  std::vector<std::string> description() const;
   /// Returns the index of the place of this id, -1 when there is none.
   int find(const std::string& id) const;
   /// Returns the place farthest from `start` of those that can be reached, by way of links.
@@ -53,11 +64,13 @@ class StreetGraph {
   Tree shortest(int start) const;
   /// These return what is wrong, and add nothing then; an empty text when nothing is.
   std::string add(StreetPlace place);
-  std::string add_link(int from, int to, const double* heading);
+  std::string add_link(int from, int to, int line, const double* heading);
+  std::string position_of(const StreetLink& link) const { return where_ + ":" + std::to_string(link.line); }
 
   std::vector<StreetPlace> places_;
   std::unordered_map<std::string, int> index_;  // of places_, by id
   std::size_t links_ = 0;
+  std::string where_;  // the links are
 };
 
 /// Returns the picture within a panorama of StreetLearn as it is published, part of `panorama`. Throws Error naming

@@ -14,17 +14,19 @@ namespace {
 
 constexpr std::size_t kMaxVersions = 4;
 
-TrajectoryShape shape_of(const msg::LearnerInfo& info, int state_size) {
-  const TrajectoryShape shape{static_cast<int>(info.steps()), static_cast<int>(info.feature_dimension()), state_size,
-                              static_cast<int>(info.frames())};
-  shape.require_fits();
-  return shape;
-}
-
 msg::LearnerInfo info_of(const Trainer& trainer) {
   msg::LearnerInfo info;
   trainer.describe(info);
   return info;
+}
+
+TrajectoryShape shape_of(const Trainer& trainer) {
+  const msg::LearnerInfo info = info_of(trainer);
+  const TrainedAgent agent = trainer.agent();
+  const TrajectoryShape shape{static_cast<int>(info.steps()), static_cast<int>(info.feature_dimension()),
+                              agent.network->state_size(), static_cast<int>(info.frames()), agent.task.map()};
+  shape.require_fits();
+  return shape;
 }
 
 }  // namespace
@@ -36,7 +38,7 @@ LearnerServer::LearnerServer(Node& node, const EnvClient& client, Trainer& train
       trainer_(trainer),
       options_(options),
       // There is room for the next update, and for one more to be taken in meanwhile.
-      queue_(shape_of(info_of(trainer), trainer.agent().network->state_size()), 2 * trainer.batch()),
+      queue_(shape_of(trainer), 2 * trainer.batch()),
       rejections_(node),
       server_(
           [this](const ObjectKey& key) {

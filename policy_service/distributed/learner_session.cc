@@ -82,6 +82,7 @@ bool LearnerSession::prepare(EnvClient& client) {
   NetworkTask task;
   task.frames = static_cast<int>(info.frames());
   task.features = static_cast<int>(info.feature_dimension());
+  task.streets = source->streets;
   if (task.features > 0) {
     try {
       const std::vector<float> features =
@@ -141,6 +142,7 @@ msg::TaskSettings LearnerSession::begin(EnvHandle& env, int slot) {
   settings.first_frame() = info_.first_frame();
   settings.frames() = info_.lesson_frames();
   settings.max_steps() = info_.max_steps();
+  settings.max_detour() = info_.max_detour();
   settings.seed() = collector_->environment_seed(slot);
   settings.policy() = info_.agent();
   const ParametersUsed newest = newest_parameters();

@@ -66,7 +66,7 @@ void pack(const Rollout& rollout, int agent, msg::Trajectory& trajectory) {
 }
 
 TrajectoryQueue::TrajectoryQueue(const TrajectoryShape& shape, int capacity)
-    : shape_(shape), capacity_(static_cast<std::size_t>(capacity)) {}
+    : shape_(shape), fields_(*shape_.map), capacity_(static_cast<std::size_t>(capacity)) {}
 
 void TrajectoryQueue::register_actor(const std::string& actor, std::uint64_t incarnation) {
   Actor& known = known_[actor];
@@ -105,11 +105,14 @@ void TrajectoryQueue::check(const msg::Trajectory& trajectory, std::uint64_t ver
   require(trajectory.state().size() == static_cast<std::size_t>(shape_.state_size), "state",
           is(trajectory.state().size(), shape_.state_size));
   require(trajectory.version() <= version, "version", "is newer than the newest");
-  const auto frames = static_cast<std::uint32_t>(shape_.frames);
+  const auto frames = static_cast<std::uint32_t>(shape_.frames),
+             places = static_cast<std::uint32_t>(shape_.map->places());
   for (std::size_t t = 0; t <= steps; ++t) {
     require(trajectory.position()[t] < frames, "position", "is beside the route");
-    require(trajectory.goal()[t] < frames, "goal", "is beside the route");
-    require(trajectory.shown()[t] >= -1 && trajectory.shown()[t] < shape_.frames, "shown", "is beside the route");
+    require(trajectory.goal()[t] < places, "goal", "is beside the route");
+    require(trajectory.shown()[t] >= (shape_.map->line() ? -1 : -1 - shape_.frames) &&
+                trajectory.shown()[t] < shape_.frames,
+            "shown", "is beside the route");
     require((trajectory.allowed()[t] & ((1u << kActions) - 1)) != 0, "allowed", "no action is allowed");
     if (t < steps)
       require(trajectory.allowed()[t] >> trajectory.action()[t] & 1, "action", "one was taken that is not allowed");
@@ -169,7 +172,7 @@ void TrajectoryQueue::follow(const std::string& actor, const msg::Trajectory& tr
     if (trajectory.ended()[t] == Rollout::kGoesOn || !std::exchange(episode.known, false)) continue;
     const bool arrived = trajectory.ended()[t] == Rollout::kTerminated;
     finished_.push_back({static_cast<int>(t) + 1, static_cast<int>(trajectory.agent()), episode.reward,
-                         spl_of(arrived, std::abs(episode.goal - episode.start), episode.steps), episode.steps});
+                         spl_of(arrived, fields_.to(episode.goal)(episode.start), episode.steps), episode.steps});
   }
 }
 

@@ -17,10 +17,11 @@ namespace citylearn {
 
 /// The shape that every Trajectory of a run must have.
 struct TrajectoryShape {
-  int steps = 0;       ///< L
-  int features = 0;    ///< D
-  int state_size = 0;  ///< of the network
-  int frames = 0;      ///< N
+  int steps = 0;                             ///< L
+  int features = 0;                          ///< D
+  int state_size = 0;                        ///< of the network
+  int frames = 0;                            ///< N
+  std::shared_ptr<const StateMap> map = {};  ///< where actions lead; a queue needs it
 
   /// Throws Error naming the option when such a Trajectory is larger than a message may be.
   void require_fits() const;
@@ -89,6 +90,7 @@ class TrajectoryQueue {
   void leave(const Entry& entry);
 
   TrajectoryShape shape_;
+  DistanceFields fields_;
   std::size_t capacity_;
   int actors_ = 1;
   std::map<std::string, Actor> known_;

@@ -24,13 +24,14 @@ Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
 /// Returns whether an announcement keeps what a process may not change.
 bool same_traversal(const msg::TraversalInfo& a, const msg::TraversalInfo& b) {
   return a.hash() == b.hash() && a.frames() == b.frames() && a.agents() == b.agents() &&
-         a.traversal() == b.traversal() && a.images() == b.images();
+         a.traversal() == b.traversal() && a.images() == b.images() && a.rule() == b.rule() &&
+         a.places() == b.places() && a.links() == b.links() && a.streets_hash() == b.streets_hash();
 }
 
 }  // namespace
 
 EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
-    : node_(node), options_(options), rejections_(node), features_(node) {
+    : node_(node), options_(options), rejections_(node), features_(node), streets_(node, options.patience) {
   node_.create_reader<msg::TraversalChunk>();
   if (options_.attached_only) {
     node_.create_reader_at<msg::ServiceStatus>(node_.options().id);  // of another process with this id
@@ -76,6 +77,7 @@ void EnvClient::spin(Clock::time_point deadline) {
   while (node_.take(status_)) on_status(status_);
   while (node_.take(chunk_))
     if (!features_.take(chunk_, serves_features(chunk_.header()))) rejections_.add(chunk_.header(), "invalid features");
+  handle_streets();
   while (node_.take(observation_)) on_observation(observation_);
   while (node_.take(episode_))
     if (EnvHandle* env = speaking(episode_.header()); env && finished) finished(*env, episode_);
@@ -159,7 +161,7 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
   note_settings(env, info.settings());
   if (begins_anew) {
     env.id = info.header().sender().c_str();
-    if (fresh) env.until_restart = false;
+    if (fresh) env.until_restart = false, env.streets.reset();
     env.invalid = 0;
     env.waiting = env.busy = env.episodes_missing = false;
     env.features.reset();
@@ -186,7 +188,9 @@ bool EnvClient::obeys_forged_settings(EnvHandle& env, const msg::TraversalInfo& 
 void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
   const bool joins = fresh || !env.refusal.empty();
   if (!env.until_restart) set_refusal(env, why_refused(env.info));
-  if (!joins || !env.refusal.empty()) return;
+  if (!env.refusal.empty() || !(joins || env.joining)) return;
+  env.joining = env.on_streets() && !env.streets;  // it joins once its map is here
+  if (env.joining) return;
   const msg::TraversalInfo& info = env.info;
   EnvHandle*& first = first_[env.traversal()];
   if (!first || !first->usable()) first = &env;
@@ -196,6 +200,21 @@ void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
   env.settings = msg::TaskSettings();
   if (records_) send_acknowledgement(env);
   if (joined) contain(env, [&] { joined(env); });
+}
+
+/// Takes street maps, asks for those of env_services that are to join, and lets them join.
+void EnvClient::handle_streets() {
+  for (msg::StreetsChunk chunk; node_.take(chunk);)
+    if (const EnvHandle* env = known(chunk.header()); env && !streets_.take(env->info, chunk))
+      rejections_.add(chunk.header(), "a wrong street map");
+  for (const auto& [id, env] : envs_) {
+    if (!env->joining || !env->alive()) {
+      streets_.forget(id);
+      continue;
+    }
+    contain(*env, [&] { env->streets = streets_.find_or_ask(env->info); });
+    if (env->streets) join_or_refuse(*env, true);
+  }
 }
 
 /// Returns why the run does not use the env_service that announced this; empty when it does.
@@ -230,7 +249,7 @@ void EnvClient::refuse(EnvHandle& env, const std::string& why) {
 void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
   if (why == env.refusal) return;
   env.refusal = why;
-  if (!why.empty()) env.release();
+  if (!why.empty()) env.release(), env.joining = false;
   report_refusals();
 }
 

@@ -14,6 +14,7 @@
 #include "policy_service/env_client/env_handle.h"
 #include "policy_service/env_client/env_requirements.h"
 #include "policy_service/env_client/service_monitor.h"
+#include "policy_service/env_client/street_maps.h"
 
 namespace citylearn {
 
@@ -66,8 +67,7 @@ class EnvClient {
   /// Receives observations, or does not. At first it does.
   void receive_observations(bool wanted);
   /// Begin and end hearing an env_service. Only with EnvClientOptions::attached_only.
-  void attach(const std::string& id);
-  void detach(const std::string& id);
+  void attach(const std::string&id), detach(const std::string&id);
 
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
   const ServiceMonitor& services() const { return services_; }
@@ -87,13 +87,13 @@ class EnvClient {
   void set_refusal(EnvHandle& env, const std::string& why);
   bool obeys_forged_settings(EnvHandle& env, const msg::TraversalInfo& info);
   void join_or_refuse(EnvHandle& env, bool fresh);
+  void handle_streets();
   std::string trouble_of(const EnvHandle& env) const;
   void report_refusals();
   void contain(EnvHandle& env, const std::function<void()>& call);
   void on_observation(msg::Observation& observation);
   bool answers_requests(const EnvHandle& env) const;
-  void ask_for_features();
-  void send_due_settings();
+  void ask_for_features(), send_due_settings();
   void send_acknowledgement(const EnvHandle& env, msg::ReaderState state = msg::READS);
 
   Node& node_;
@@ -102,14 +102,14 @@ class EnvClient {
   EnvRequirements required_;
   std::set<std::string> alarms_, attached_;  ///< ids of env_services with an alarm; those given to attach()
   FeatureCache features_;
+  StreetMaps streets_;
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
   std::map<std::string, EnvHandle*> first_;  ///< by traversal: the env_service with which others must agree
   std::uint32_t version_ = 0;
   bool wants_observations_ = true, records_ = false;
   Clock::time_point next_acknowledgements_{}, next_refusals_{};
   ServiceMonitor services_;
-  // Messages, kept to use their memory again.
-  msg::Observation observation_;
+  msg::Observation observation_;  // messages, kept to use their memory again
   msg::EpisodeStat episode_;
   msg::TraversalInfo info_;
   msg::TraversalChunk chunk_;

@@ -9,6 +9,7 @@
 #include "core/exchange/incumbent.h"
 #include "core/exchange/message_order.h"
 #include "core/exchange/timing.h"
+#include "core/task/state_map.h"
 #include "core/wire/node.h"
 #include "policy_service/env_client/feature_cache.h"
 
@@ -17,17 +18,19 @@ namespace citylearn {
 /// One env_service as a policy_service sees it.
 struct EnvHandle {
   std::string id;
-  msg::TraversalInfo info;        ///< of the running incarnation
-  msg::TaskSettings settings;     ///< those commanded last; version 0 = none
-  std::uint32_t given = 0;        ///< newest version that it was given; stays when it is released
-  std::uint64_t next_step = 0;    ///< step of the observation to be answered next, under `settings`
-  bool waiting = false;           ///< that observation has arrived and waits for answer()
-  bool wants_belief = false;      ///< as that observation has it
-  MessageOrder order;             ///< of its TraversalInfos
-  Incumbent presence;             ///< which process speaks for the id, and when it was last heard
-  Presence observed;              ///< when an observation under `settings` came last
-  msg::Action last_action;        ///< sent again when the observation it answers is repeated
-  CommandSender settings_sender;  ///< sends `settings` until a message of the env_service carries their id
+  msg::TraversalInfo info;                  ///< of the running incarnation
+  msg::TaskSettings settings;               ///< those commanded last; version 0 = none
+  std::uint32_t given = 0;                  ///< newest version that it was given; stays when it is released
+  std::uint64_t next_step = 0;              ///< step of the observation to be answered next, under `settings`
+  bool waiting = false;                     ///< that observation has arrived and waits for answer()
+  bool wants_belief = false;                ///< as that observation has it
+  MessageOrder order;                       ///< of its TraversalInfos
+  Incumbent presence;                       ///< which process speaks for the id, and when it was last heard
+  Presence observed;                        ///< when an observation under `settings` came last
+  msg::Action last_action;                  ///< sent again when the observation it answers is repeated
+  CommandSender settings_sender;            ///< sends `settings` until a message of the env_service carries their id
+  std::shared_ptr<const StateMap> streets;  ///< where it walks, once its map is here; null on a line
+  bool joining = false;                     ///< it fits and joins once its street map is here
   /// Features of the route, for observations by reference. The settings are sent once these are complete.
   std::shared_ptr<RouteFeatures> features;
   std::uint64_t obeys = 0;          ///< incarnation of the policy_service whose settings are in force; 0: none are
@@ -46,8 +49,9 @@ struct EnvHandle {
   bool commands() const { return settings.settings().version() != 0; }
   /// Returns whether it was heard lately.
   bool alive() const { return presence.here(Clock::now()); }
-  /// Returns whether it was heard lately and is not refused.
-  bool usable() const { return refusal.empty() && alive(); }
+  bool on_streets() const { return info.rule() != msg::LINE; }
+  /// Returns whether it was heard lately, is not refused, and its street map is here, if it has one.
+  bool usable() const { return refusal.empty() && alive() && (streets || !on_streets()); }
   /// Returns whether it has obeyed another policy_service for kObeysOther, and this one's settings are as old.
   bool lost() const {
     return commands() && heard_other != Clock::time_point{} &&

@@ -18,6 +18,7 @@ struct EnvRequirements {
   std::set<std::string> traversals;                ///< that the run uses; empty: all
   std::uint32_t first_frame = 0, frames = 0;       ///< the route; 0 frames: any
   std::optional<std::uint32_t> feature_dimension;  ///< that the agent needs; unset: any
+  std::optional<bool> streets;                     ///< whether the run is on streets; unset: not known yet
   TrainingData learned;                            ///< what the agent learned or learns from, once it is known
 };
 

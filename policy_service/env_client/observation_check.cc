@@ -11,6 +11,7 @@ namespace {
 /// Returns what is wrong with an observation under these settings; empty when nothing is.
 std::string validation_error(const EnvHandle& env, const msg::Observation& observation) {
   const msg::TaskSettings& settings = env.settings;
+  const StateMap* streets = env.streets.get();
   const auto off_route = [&](const std::vector<std::uint32_t>& frames) {
     return std::any_of(frames.begin(), frames.end(), [&](std::uint32_t frame) {
       return frame < settings.first_frame() || frame - settings.first_frame() >= settings.frames();
@@ -20,10 +21,19 @@ std::string validation_error(const EnvHandle& env, const msg::Observation& obser
   if (!observation.by_reference() && observation.feature_dimension() != env.info.feature_dimension())
     return "of another number of features";
   if (off_route(observation.position())) return "with a position beside the route";
-  if (off_route(observation.goal())) return "with a goal beside the route";
+  if (streets ? std::any_of(observation.goal().begin(), observation.goal().end(),
+                            [&](std::uint32_t goal) { return goal >= static_cast<std::uint32_t>(streets->places()); })
+              : off_route(observation.goal()))
+    return "with a goal beside the route";
   if (!is_live(env.info) && off_route(observation.frame())) return "with a frame beside the route";
   for (const std::uint8_t allowed : observation.allowed())
     if ((allowed & ((1u << kActions) - 1)) == 0) return "that allows no action";
+  for (std::size_t i = 0; streets && i < observation.position().size(); ++i) {
+    if (observation.previous_action()[i] >= kActions && !(observation.flags()[i] & (msg::FLAG_FIRST | msg::FLAG_IDLE)))
+      return "after an unknown action";
+    if (observation.allowed()[i] != streets->allowed(static_cast<int>(observation.position()[i])))
+      return "that allows other actions than its street map";
+  }
   return "";
 }
 

@@ -38,8 +38,11 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : impl_
   p.options = options;
   p.task = task;
   if (task.frames < 2) throw Error("must be at least 2", "frames");
+  if (task.streets && (options.curriculum || task.frames != task.streets->states()))
+    throw Error("streets are learned as a whole, all " + std::to_string(task.streets->states()) + " frames",
+                options.curriculum ? "--curriculum" : "frames", "leave out lessons and ranges of frames");
   if (p.options.max_steps == 0) p.options.max_steps = task.frames;
-  p.parameters = TrainerParameters(options);
+  p.parameters = TrainerParameters(options, task.streets != nullptr);
   p.segment = p.parameters.trainer.integer("segment");
   p.sequence = p.parameters.trainer.integer("sequence");
   if (p.segment % p.sequence != 0)
@@ -137,6 +140,8 @@ void Trainer::settings(int environment, msg::TaskSettings& settings) const {
   settings.first_frame() = static_cast<std::uint32_t>(p.options.first_frame);
   settings.frames() = static_cast<std::uint32_t>(p.lesson().frames);
   settings.max_steps() = static_cast<std::uint32_t>(p.lesson().max_steps);
+  settings.max_detour() = static_cast<std::uint32_t>(p.options.max_detour);
+  settings.goal_radius() = p.task.goal_radius;
   settings.seed() = p.collector->environment_seed(environment);
   settings.tasks() = 0;
   settings.shuffle() = false;
@@ -185,6 +190,7 @@ UpdateFigures Trainer::update() {
 
 void Trainer::prepare(Rollout& rollout) const {
   rollout.max_steps = impl_->lesson().max_steps;
+  rollout.max_detour = impl_->options.max_detour;
   rollout.step_cost = static_cast<float>(impl_->parameters.trainer["step-cost"]);
   for (float& reward : rollout.reward) reward = rollout.learned(reward);
 }
@@ -276,6 +282,7 @@ void Trainer::describe(msg::LearnerInfo& info) const {
   info.lesson() = static_cast<std::uint32_t>(p.progress.lesson);
   info.lesson_frames() = static_cast<std::uint32_t>(p.lesson().frames);
   info.max_steps() = static_cast<std::uint32_t>(p.lesson().max_steps);
+  info.max_detour() = static_cast<std::uint32_t>(p.options.max_detour);
   info.steps() = static_cast<std::uint32_t>(p.sequence);
   info.noise_frame() = p.parameters.trainer["noise-frame"];
   info.noise_place() = p.parameters.trainer["noise-place"];
@@ -284,8 +291,15 @@ void Trainer::describe(msg::LearnerInfo& info) const {
 
 TrainedAgent Trainer::agent() const {
   const Impl& p = *impl_;
-  return {p.options.agent,    p.task, p.options.first_frame, p.shared_network, p.learner->parameters(),
-          p.progress.updates, {}};
+  return {p.options.agent,
+          p.task,
+          p.options.first_frame,
+          p.shared_network,
+          p.learner->parameters(),
+          p.progress.updates,
+          {},
+          p.task.streets ? p.task.places() : 0,
+          p.parameters.network.values()};
 }
 
 std::map<std::string, std::map<std::string, double>> Trainer::parameters() const { return impl_->parameters.values(); }

@@ -28,6 +28,7 @@ struct TrainerOptions {
   // The task.
   int first_frame = 0;      ///< where the route begins, index on the traversal
   int max_steps = 0;        ///< 0 = N
+  int max_detour = 0;       ///< limits an episode to this multiple of its fewest steps too; 0: does not
   bool curriculum = false;  ///< the paper's lessons, as far as N goes
 
   // What it begins with.

@@ -18,6 +18,8 @@ nlohmann::json Trainer::Impl::identity() const {
                                {"frames", task.frames},
                                {"first_frame", options.first_frame},
                                {"max_steps", options.max_steps}}}};
+  if (task.streets) identity["task"]["places"] = task.places();
+  if (options.max_detour > 0) identity["task"]["max_detour"] = options.max_detour;
   if (!frozen.empty()) identity["frozen"] = frozen;
   return identity;
 }

@@ -7,13 +7,16 @@ namespace citylearn {
 namespace {
 
 /// Returns a network's recommendations for use with this learner: "relabel.epochs" is for the learner relabel alone,
-/// over "epochs", which is for all.
-std::map<std::string, double> recommended_for(const std::string& learner, const std::map<std::string, double>& all) {
+/// over "epochs", which is for all; "streets.noise-place" is for streets, over both.
+std::map<std::string, double> recommended_for(const std::string& learner, const std::map<std::string, double>& all,
+                                              bool streets = false) {
   std::map<std::string, double> chosen;
   for (const auto& [name, value] : all)
     if (name.find('.') == name.npos) chosen[name] = value;
   for (const auto& [name, value] : all)
     if (name.starts_with(learner + ".")) chosen[name.substr(learner.size() + 1)] = value;
+  for (const auto& [name, value] : all)
+    if (streets && name.starts_with("streets.")) chosen[name.substr(8)] = value;
   return chosen;
 }
 
@@ -31,12 +34,12 @@ std::vector<ParameterSpec> Trainer::parameter_specs() {
           {"noise-episode", "shift of all features of an episode, likewise", 3, 0, 100}};
 }
 
-TrainerParameters::TrainerParameters(const TrainerOptions& options)
+TrainerParameters::TrainerParameters(const TrainerOptions& options, bool streets)
     : network_entry(&NetworkRegistry<float>::instance().find("network", options.agent)),
       learner_entry(&LearnerRegistry::instance().find("learner", options.learner)) {
   const std::vector<ParameterSpec> specs = Trainer::parameter_specs();
   std::map<std::string, double> for_learner, for_trainer;
-  for (const auto& [name, value] : recommended_for(options.learner, network_entry->recommended)) {
+  for (const auto& [name, value] : recommended_for(options.learner, network_entry->recommended, streets)) {
     const auto is_name = [&name = name](const ParameterSpec& spec) { return spec.name == name; };
     if (std::any_of(specs.begin(), specs.end(), is_name))
       for_trainer[name] = value;

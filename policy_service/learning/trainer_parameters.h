@@ -14,7 +14,7 @@ namespace citylearn {
 /// defaults. Throws Error naming an unknown plug-in or parameter.
 struct TrainerParameters {
   TrainerParameters() = default;
-  explicit TrainerParameters(const TrainerOptions& options);
+  explicit TrainerParameters(const TrainerOptions& options, bool streets = false);
   /// Returns them by "network", "learner" and "trainer".
   std::map<std::string, std::map<std::string, double>> values() const;
 

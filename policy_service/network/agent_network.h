@@ -74,7 +74,8 @@ template <class S>
 using NetworkRegistry = Registry<AgentNetwork<S>, const NetworkTask&>;
 
 /// Registers `Network`, as the last lines of its file. `recommended` holds parameters of learner and trainer with which
-/// this network learns well; "relabel.epochs" is for the learner relabel alone, over "epochs".
+/// this network learns well; "relabel.epochs" is for the learner relabel alone, over "epochs", and
+/// "streets.noise-place" for streets alone, over both.
 template <template <class> class Network, class S = NetworkScalar>
 struct NetworkRegistration {
   NetworkRegistration(const std::string& name, const std::string& help, const std::vector<ParameterSpec>& parameters,

@@ -164,7 +164,7 @@ std::optional<std::string> newest_checkpoint(const std::string& folder) {
   return std::filesystem::exists(best, none) ? std::optional(best.string()) : std::nullopt;
 }
 
-TrainedAgent trained_agent(const Checkpoint& checkpoint) {
+TrainedAgent unbuilt_agent(const Checkpoint& checkpoint) {
   TrainedAgent agent;
   try {
     const nlohmann::json& header = checkpoint.header;
@@ -172,11 +172,9 @@ TrainedAgent trained_agent(const Checkpoint& checkpoint) {
     agent.task.features = header.at("task").at("features").get<int>();
     agent.task.frames = header.at("task").at("frames").get<int>();
     agent.first_frame = header.at("task").at("first_frame").get<int>();
+    agent.places = header.at("task").value("places", 0);
     agent.task.reference = checkpoint.tensors.at("reference");
-    const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
-    const Parameters parameters("network " + agent.name, entry.parameters,
-                                header.at("network").get<std::map<std::string, double>>());
-    agent.network = entry.create(parameters, agent.task);
+    agent.network_parameters = header.at("network").get<std::map<std::string, double>>();
     agent.parameters = checkpoint.tensors.at("learner.parameters").reshaped();
     if (const auto data = header.find("data"); data != header.end())
       agent.data = TrainingData::parse(data->dump(), "checkpoint");
@@ -186,11 +184,26 @@ TrainedAgent trained_agent(const Checkpoint& checkpoint) {
   } catch (const std::out_of_range&) {
     throw Error("a tensor is missing", "checkpoint");
   }
-  if (agent.parameters.size() != agent.network->parameter_count())
-    throw Error("has " + std::to_string(agent.parameters.size()) + " parameters, network '" + agent.name + "' needs " +
-                    std::to_string(agent.network->parameter_count()),
-                "checkpoint");
   return agent;
+}
+
+TrainedAgent trained_agent(const Checkpoint& checkpoint) {
+  TrainedAgent agent = unbuilt_agent(checkpoint);
+  if (agent.places > 0)
+    throw Error("its agent walks on streets and has no map of its own", "checkpoint",
+                "evaluate it with policy_service, where an env_service hosts streets");
+  agent.build_network(agent.task);
+  return agent;
+}
+
+void TrainedAgent::build_network(NetworkTask on) {
+  task = std::move(on);
+  const auto& entry = NetworkRegistry<float>::instance().find("network", name);
+  network = entry.create(Parameters("network " + name, entry.parameters, network_parameters), task);
+  if (parameters.size() != network->parameter_count())
+    throw Error("has " + std::to_string(parameters.size()) + " parameters, network '" + name + "' needs " +
+                    std::to_string(network->parameter_count()),
+                "checkpoint");
 }
 
 }  // namespace citylearn

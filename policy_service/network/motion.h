@@ -10,7 +10,7 @@
 namespace citylearn {
 
 /// What is less likely than this is never the case. Logarithms of floats reach a little further.
-constexpr float kImpossible = 1e-30f;
+constexpr float kNegligible = 1e-30f;
 /// Probability, a step, of a kidnapping that an agent reckons with at least where it learns how often actions slip.
 /// Without it nothing would be believed after a leap that is impossible.
 constexpr double kLeastKidnap = 1e-6;
@@ -81,7 +81,7 @@ class Motion {
   void move_belief(std::uint8_t action, const From& from, To&& to, S never) {
     moved_.resize(from.size());
     move(action, from, moved_);
-    to = (moved_.array() > S(kImpossible)).select(moved_.array().log(), never);
+    to = (moved_.array() > S(kNegligible)).select(moved_.array().log(), never);
   }
 
  private:

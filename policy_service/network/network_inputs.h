@@ -6,8 +6,11 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
+
+#include "core/task/state_map.h"
 
 namespace citylearn {
 
@@ -22,28 +25,35 @@ constexpr int kSparsePlaces = 2048;
 /// The task that a network is built for.
 struct NetworkTask {
   int features = 0;  ///< D
-  int frames = 128;  ///< N, places on the route
+  int frames = 128;  ///< N, places on the route; on streets their states
   /// D x EN, features of the route as each of E training traversals shows it, the experiences side by side: the place
   /// memory of networks that have one.
   Matrix<float> reference;
-  int sparse_from = kSparsePlaces;  ///< from so many places on, beliefs over them are sparse
+  int sparse_from = kSparsePlaces;               ///< from so many places on, beliefs over them are sparse
+  std::shared_ptr<const StateMap> streets = {};  ///< null: a line of N places
+  float goal_radius = 0;                         ///< metres; on streets a goal is also reached at places within it
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }
+  /// Returns the number of places, which goals are.
+  int places() const { return streets ? streets->places() : frames; }
+  /// Returns where actions lead.
+  std::shared_ptr<const StateMap> map() const { return streets ? streets : std::make_shared<const StateMap>(frames); }
 };
 
 /// Observations of B agents over T steps; column t * B + b is agent b at step t.
 template <class S>
 struct NetworkInputs {
-  int steps = 0;              ///< T
-  int agents = 0;             ///< B
-  int frames = 0;             ///< places in use, <= N; fewer in a curriculum's early lessons
-  int distinct = 0;           ///< U, number of distinct feature vectors
-  Matrix<S> features;         ///< D x at least U: each distinct feature vector stands here once
-  std::vector<int> seen;      ///< TB, column of `features`
-  std::vector<int> shown;     ///< TB, place whose frame it is, plus `frames` times its experience; -1: augmented
-  std::vector<int> goal;      ///< TB, place on the route, 0..N-1
-  std::vector<int> position;  ///< TB, place on the route: what the baseline sees, and a target of losses
+  int steps = 0;          ///< T
+  int agents = 0;         ///< B
+  int frames = 0;         ///< places in use, <= N; fewer in a curriculum's early lessons
+  int distinct = 0;       ///< U, number of distinct feature vectors
+  Matrix<S> features;     ///< D x at least U: each distinct feature vector stands here once
+  std::vector<int> seen;  ///< TB, column of `features`
+  /// TB, place whose frame it is, plus `frames` times its experience; -1: augmented, on streets -2 less that place.
+  std::vector<int> shown;
+  std::vector<int> goal;      ///< TB, place on the route, 0..N-1; on streets the place
+  std::vector<int> position;  ///< TB, place on the route (on streets the state): the baseline sees it, losses aim at it
   std::vector<std::uint8_t> previous_action;  ///< TB, kNoAction at an episode's start
   std::vector<std::uint8_t> allowed;          ///< TB, bit a = action a allowed
   std::vector<std::uint8_t> first;            ///< TB, 1 = first observation of an episode: the state before it is wiped
@@ -56,6 +66,10 @@ struct NetworkInputs {
   void copy_column(const NetworkInputs& source, std::ptrdiff_t from, std::ptrdiff_t to);
   /// Returns the features of `column`.
   auto features_of(std::ptrdiff_t column) const { return features.col(seen[static_cast<std::size_t>(column)]); }
+  /// Returns the number of the view that `column` shows on streets, augmented or not; -1: unknown.
+  int view(std::size_t column) const { return shown[column] >= 0 ? shown[column] % frames : augmented(shown[column]); }
+  /// Returns what `shown` is of a view whose features are augmented, and the other way round.
+  static int augmented(int view) { return view == -1 ? -1 : -2 - view; }
   auto features_of(std::ptrdiff_t column) { return features.col(seen[static_cast<std::size_t>(column)]); }
 
  private:

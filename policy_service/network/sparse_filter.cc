@@ -6,7 +6,6 @@
 #include <limits>
 #include <numeric>
 
-#include "core/task/moves.h"
 #include "policy_service/network/agent_network.h"
 
 namespace citylearn {
@@ -22,17 +21,17 @@ auto array_of(const std::vector<S>& values) {
                                                               static_cast<std::ptrdiff_t>(values.size()));
 }
 
-/// Calls visit(to, share) with each place to which an action leads from one of N, unless the agent is kidnapped.
+/// Calls visit(to, share) with each state to which an action leads from one, unless the agent is kidnapped.
 template <class S, class Visit>
-void spread(const Motion<S>& motion, std::uint8_t action, int place, int places, Visit&& visit) {
-  const auto inside = [&](int to) { return to >= 0 && to < places; };
-  const int once = place_after(place, action);
-  if (motion.slip() > 0) visit(place, motion.slip() / 2);
-  if (!inside(once)) return;
+void spread(const Motion<S>& motion, const StateMap& map, std::uint8_t action, int state, Visit&& visit) {
+  const auto after = [&](int from) { return action < kActions ? map.next(from, action) : from; };
+  const int once = after(state);
+  if (motion.slip() > 0) visit(state, motion.slip() / 2);
+  if (once < 0) return;
   visit(once, 1 - motion.slip());
   if (motion.slip() == 0) return;
-  const int twice = place_after(once, action);
-  visit(inside(twice) ? twice : once, motion.slip() / 2);
+  const int twice = after(once);
+  visit(twice >= 0 ? twice : once, motion.slip() / 2);
 }
 
 enum { kElsewhere, kSteps, kDoubt, kCount, kFirstPlace };  // of a state
@@ -69,7 +68,7 @@ void SparseBelief<S>::load(const Eigen::Ref<const Vector<S>>& state, int frames)
 template <class S>
 Vector<S> SparseBelief<S>::scores(int frames) const {
   const auto others = std::max<std::ptrdiff_t>(1, frames - static_cast<std::ptrdiff_t>(places.size()));
-  const auto score = [](S share) { return share > S(kImpossible) ? std::log(share) : S(kNothing); };
+  const auto score = [](S share) { return share > S(kNegligible) ? std::log(share) : S(kNothing); };
   Vector<S> scores = Vector<S>::Constant(frames, score(elsewhere / static_cast<S>(others)));
   for (std::size_t i = 0; i < places.size(); ++i) scores(places[i]) = score(shares[i]);
   return scores;
@@ -81,6 +80,7 @@ void SparseFilter<S>::advance(const Matrix<S>& features, int frames, S evidence,
   if (frames != frames_) {
     probes_ = keys_.sample(frames, kProbes);
     slots_.assign(static_cast<std::size_t>(frames), -1);
+    if (!map_ || map_->line()) map_ = std::make_shared<const StateMap>(frames);
     frames_ = frames;
   }
   seen_.resize(features.rows(), static_cast<std::ptrdiff_t>(steps.size()));
@@ -105,6 +105,8 @@ void SparseFilter<S>::advance(const Matrix<S>& features, int frames, S evidence,
     if (looks) {
       step.similarity.assign(wide_.col(wide).begin(), wide_.col(wide).end());
       ++wide;
+    } else if (step.repeated) {
+      step.similarity.assign(step.places.size(), 0);
     } else {
       step.similarity.clear();
       for (const int place : step.places) step.similarity.push_back(keys_.similarity(place, seen_.col(column), key_));
@@ -125,7 +127,7 @@ void SparseFilter<S>::move(SparseStep<S>& step, int frames, bool everywhere) {
   step.prior.clear();
   if (!step.first)
     for (std::size_t i = 0; i < step.before->places.size(); ++i)
-      spread(motion_, step.action, step.before->places[i], frames, [&](int to, S share) {
+      spread(motion_, *map_, step.action, step.before->places[i], [&](int to, S share) {
         int& slot = slots_[static_cast<std::size_t>(to)];
         if (slot < 0) {
           slot = static_cast<int>(step.places.size());
@@ -148,9 +150,16 @@ void SparseFilter<S>::move(SparseStep<S>& step, int frames, bool everywhere) {
   std::iota(step.places.begin(), step.places.end(), 0);
 }
 
-/// Excludes where the agent cannot be, as exclude() does.
+/// Excludes where the agent cannot be, as exclude() does. On streets these are the states of the goal, and those where
+/// other actions are allowed.
 template <class S>
 void SparseFilter<S>::exclude(SparseStep<S>& step, int frames, std::ptrdiff_t column) {
+  if (!map_->line()) {
+    for (std::size_t i = 0; i < step.places.size(); ++i)
+      if (const int state = step.places[i]; map_->place(state) == step.goal || map_->allowed(state) != step.allowed)
+        step.prior[i] = 0;
+    return;
+  }
   const bool starts = !(step.allowed >> kPrevious & 1), ends = !(step.allowed >> kNext & 1);
   if (starts || ends) {
     const int place = starts ? 0 : frames - 1;
@@ -166,6 +175,7 @@ void SparseFilter<S>::exclude(SparseStep<S>& step, int frames, std::ptrdiff_t co
 
 template <class S>
 void SparseFilter<S>::see(SparseStep<S>& step, int frames, std::ptrdiff_t column, S weight) {
+  if (step.repeated) weight = 0;
   const auto probes = probed_.col(column).array();
   const auto similarity = array_of(step.similarity);
   const S top = std::max(probes.maxCoeff(), similarity.size() > 0 ? similarity.maxCoeff() : S(-1));
@@ -175,7 +185,7 @@ void SparseFilter<S>::see(SparseStep<S>& step, int frames, std::ptrdiff_t column
   const Vector<S> others = (weight * (probes - top)).exp();
   step.elsewhere = step.even * static_cast<S>(frames - shares.size()) * others.mean();
   const S active = shares.sum(), total = active + step.elsewhere;
-  if (active > 0) {
+  if (active > 0 && !step.repeated) {
     const S looks = (shares * similarity).sum() / active;
     const S share = static_cast<S>((probes >= looks).count()) / static_cast<S>(kProbes);
     step.after.doubt = std::max(S(0), step.after.doubt + share - kUsualShare);
@@ -190,7 +200,7 @@ void SparseFilter<S>::see(SparseStep<S>& step, int frames, std::ptrdiff_t column
 }
 
 template <class S>
-void SparseFilter<S>::keep_active(SparseStep<S>& step) {
+void SparseFilter<S>::keep_active(SparseStep<S>& step) const {
   SparseBelief<S>& after = step.after;
   after.elsewhere = step.elsewhere;
   step.active.clear();
@@ -201,8 +211,8 @@ void SparseFilter<S>::keep_active(SparseStep<S>& step) {
       after.elsewhere += step.shares[i];
   }
   const auto share = [&](int i) { return step.shares[static_cast<std::size_t>(i)]; };
-  if (step.active.size() > SparseBelief<S>::kMaxActive) {
-    const auto end = step.active.begin() + SparseBelief<S>::kMaxActive;
+  if (step.active.size() > most_active_) {
+    const auto end = step.active.begin() + static_cast<std::ptrdiff_t>(most_active_);
     std::nth_element(step.active.begin(), end, step.active.end(),
                      [&](int a, int b) { return share(a) != share(b) ? share(a) > share(b) : a < b; });
     for (auto dropped = end; dropped != step.active.end(); ++dropped) after.elsewhere += share(*dropped);

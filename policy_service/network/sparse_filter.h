@@ -2,16 +2,19 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
+#include "core/task/state_map.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
 
 namespace citylearn {
 
-/// What an agent on a long route believes. Active places have a probability of their own. All others of the route's N
-/// places share the rest evenly.
+/// What an agent on a long route, or on streets, believes. Active places have a probability of their own. All others of
+/// the route's N places share the rest evenly. On streets these are states.
 template <class S>
 struct SparseBelief {
   static constexpr int kMaxActive = 1024, kStateSize = 4 + 2 * kMaxActive;
@@ -38,6 +41,7 @@ struct SparseStep {
   int goal = 0;
   std::uint8_t action = 0, allowed = 0;  ///< the action that led here, and those allowed here
   bool first = false;                    ///< an episode's first observation
+  bool repeated = false;                 ///< the agent saw the same earlier in the episode: it is no evidence
 
   std::vector<int> places;  ///< where the agent may be: what was active and where that leads, or all places
   std::vector<S> shares;    ///< belief in each
@@ -49,9 +53,9 @@ struct SparseStep {
   std::vector<int> active;           ///< indices of the active among `places`
 };
 
-/// A Bayes filter over a long route, as place_filter.cc describes it, that looks at few places. All are looked at when
-/// an episode begins, when much of the belief is elsewhere, and when the agent is lost. Otherwise the evidence for all
-/// other places together is the mean of that for kProbes of them.
+/// A Bayes filter over a long route, as place_filter.cc describes it, or over the states of streets, that looks at few
+/// places. All are looked at when an episode begins, when much of the belief is elsewhere, and when the agent is lost.
+/// Otherwise the evidence for all other places together is the mean of that for kProbes of them.
 ///
 /// An agent is lost when its doubt exceeds kMaxDoubt. Doubt is a cumulative sum (Page, 1954) of the share of probes
 /// that look at least as much like what is seen as the places believed in, less kUsualShare. Where the agent is right
@@ -60,11 +64,14 @@ struct SparseStep {
 template <class S>
 class SparseFilter {
  public:
-  /// `keys` are compact and outlive it.
-  SparseFilter(const PlaceKeys<S>& keys, const Motion<S>& motion) : keys_(keys), motion_(motion) {}
+  /// `keys` are compact and outlive it. Without `streets` places are those of a line. At most `most_active` states are
+  /// active after a step.
+  SparseFilter(const PlaceKeys<S>& keys, const Motion<S>& motion, std::shared_ptr<const StateMap> streets = {},
+               std::size_t most_active = SparseBelief<S>::kMaxActive)
+      : keys_(keys), motion_(motion), map_(std::move(streets)), most_active_(most_active) {}
 
   void set_motion(S slip, S kidnap) { motion_.set(slip, kidnap); }
-  /// Fills the steps of several agents, on the route's first `frames` places. What is seen weighs
+  /// Fills the steps of several agents, on the route's first `frames` places (on streets all). What is seen weighs
   /// exp(evidence / (1 + tempering * steps) * similarity).
   void advance(const Matrix<S>& features, int frames, S evidence, S tempering, std::span<SparseStep<S>> steps);
 
@@ -72,19 +79,21 @@ class SparseFilter {
   static constexpr std::ptrdiff_t kProbes = 64;
   static constexpr S kLeast = S(1e-6), kUsualShare = S(0.15), kMaxDoubt = 1;
 
-  static bool lost(const SparseStep<S>& step) { return step.before->doubt > kMaxDoubt; }
+  static bool lost(const SparseStep<S>& step) { return step.before->doubt > kMaxDoubt && !step.repeated; }
   static bool looks(const SparseStep<S>& step) {
     constexpr S kBeginning = 4;  // steps
     const S most = S(step.first || step.before->steps < kBeginning ? 0.01 : 0.5);
-    return step.first || lost(step) || step.before->elsewhere > most;
+    return step.first || lost(step) || (step.before->elsewhere > most && !step.repeated);
   }
   void move(SparseStep<S>& step, int frames, bool everywhere);
   void exclude(SparseStep<S>& step, int frames, std::ptrdiff_t column);
   void see(SparseStep<S>& step, int frames, std::ptrdiff_t column, S weight);
-  static void keep_active(SparseStep<S>& step);
+  void keep_active(SparseStep<S>& step) const;
 
   const PlaceKeys<S>& keys_;
   Motion<S> motion_;
+  std::shared_ptr<const StateMap> map_;  // of streets, or of a line of frames_ places
+  std::size_t most_active_;
   PlaceKeys<S> probes_;
   int frames_ = 0;                                   // among which the probes are
   std::vector<int> slots_, looking_;                 // N, -1 or index among a step's places; steps that look at all

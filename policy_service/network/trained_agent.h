@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <map>
 #include <memory>
 #include <string>
 
@@ -18,11 +19,19 @@ struct TrainedAgent {
   int first_frame = 0;  ///< where the route of its places begins on the traversal
   std::shared_ptr<const AgentNetwork<float>> network;
   Vector<float> parameters;
-  std::uint64_t update = 0;  ///< of the learner that made the parameters
-  TrainingData data;         ///< that it learned from; older checkpoints do not say
+  std::uint64_t update = 0;                               ///< of the learner that made the parameters
+  TrainingData data;                                      ///< that it learned from; older checkpoints do not say
+  int places = 0;                                         ///< of the streets that it learned on; 0: of a line
+  std::map<std::string, double> network_parameters = {};  ///< as a checkpoint has them
+
+  /// Builds the network for a task. An agent that learned on streets walks on any others too.
+  void build_network(NetworkTask on);
 };
 
-/// Returns the agent in a checkpoint. Throws Error when the header is incomplete or the network unknown.
+/// Returns the agent in a checkpoint. Throws Error when the header is incomplete or the network unknown, or when it
+/// learned on streets: a checkpoint has no map.
 TrainedAgent trained_agent(const Checkpoint& checkpoint);
+/// Returns the same without its network, which build_network() makes.
+TrainedAgent unbuilt_agent(const Checkpoint& checkpoint);
 
 }  // namespace citylearn

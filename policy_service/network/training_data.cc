@@ -44,8 +44,10 @@ std::string TrainingData::misfit(const TraversalContents& contents) const {
   const auto same = std::find_if(traversals.begin(), traversals.end(),
                                  [&](const auto& one) { return one.traversal == contents.traversal; });
   const std::string whose = "the training";
-  return same == traversals.end() ? features_misfit(contents, traversals.front(), whose)
-                                  : contents_misfit(contents, *same, whose);
+  const bool elsewhere = same != traversals.end() && same->streets_hash != 0 && contents.streets_hash != 0 &&
+                         same->streets_hash != contents.streets_hash;
+  return same == traversals.end() || elsewhere ? features_misfit(contents, traversals.front(), whose)
+                                               : contents_misfit(contents, *same, whose);
 }
 
 std::string TrainingData::remedy(const std::string& traversal) const {
@@ -60,12 +62,14 @@ std::string TrainingData::remedy(const std::string& traversal) const {
 std::string TrainingData::text() const {
   if (!known()) return "";
   nlohmann::json all = {{"train", joined(names())}, {"source", source}};
-  for (const TraversalContents& one : traversals)
+  for (const TraversalContents& one : traversals) {
     all["traversals"][one.traversal] = {{"dataset", one.dataset},
                                         {"hash", fmt::format("{:016x}", one.hash)},
                                         {"frames", one.frames},
                                         {"features", one.feature_dimension},
                                         {"encoder", one.encoder.value_or("")}};
+    if (one.streets_hash != 0) all["traversals"][one.traversal]["streets"] = fmt::format("{:016x}", one.streets_hash);
+  }
   return all.dump();
 }
 
@@ -85,6 +89,7 @@ TrainingData TrainingData::parse(const std::string& text, const std::string& whe
     one.encoder = entry->value("encoder", "");
     one.dataset = entry->value("dataset", "");
     one.frames = entry->value("frames", 0u);
+    one.streets_hash = std::strtoull(entry->value("streets", "0").c_str(), nullptr, 16);
   }
   return data;
 } catch (const nlohmann::json::exception&) {

@@ -17,6 +17,7 @@ struct TraversalContents {
   std::optional<std::string> encoder = {};  ///< as in TraversalInfo; unset: unknown
   std::string dataset = {};                 ///< likewise; empty: unknown
   std::uint32_t frames = 0;                 ///< likewise; 0: unknown
+  std::uint64_t streets_hash = 0;           ///< likewise; 0: a line
 
   bool operator==(const TraversalContents&) const = default;
 };
@@ -37,7 +38,7 @@ struct TrainingData {
   bool known() const { return !traversals.empty(); }
   std::vector<std::string> names() const;
   /// Returns how contents do not fit an agent that learned from this; empty when they do, or nothing is known. A
-  /// traversal learned from must be the same, others must have features of the same kind.
+  /// traversal learned from must be the same, others, and those of other streets, must have features of the same kind.
   std::string misfit(const TraversalContents& contents) const;
   /// Returns what to do about a misfit of an env_service on `traversal`.
   std::string remedy(const std::string& traversal) const;

@@ -14,6 +14,9 @@
 
 namespace citylearn {
 
+/// TrainerOptions::max_detour until the route is known: 3 on streets, else 0.
+inline constexpr int kDefaultDetour = -1;
+
 /// Options of a run. With mode "evaluate" `agent` may be a control.
 struct PolicyServiceOptions : TrainerOptions {
   Node::Options node;
@@ -53,7 +56,9 @@ struct PolicyServiceOptions : TrainerOptions {
 
   // The task.
   int frames = 128;         ///< N
-  bool cap_frames = false;  ///< fewer where the traversals have fewer, as for a default
+  bool cap_frames = false;  ///< fewer where the traversals have fewer, as for a default; on streets all
+  bool cap_steps = false;   ///< `max_steps` is N, as for a default
+  float goal_radius = 0;    ///< metres; on streets a goal is also reached at places within it
 
   // How long.
   std::uint64_t steps = 0;    ///< environment steps to learn from; 0 = the agent's recommendation

@@ -111,6 +111,8 @@ Json manifest_json(const PolicyServiceOptions& options,
       {"first_frame", options.first_frame},
       {"frames", options.frames},
       {"max_steps", options.max_steps},
+      {"max_detour", options.max_detour},
+      {"goal_radius", options.goal_radius},
       {"curriculum", options.curriculum},
       {"environments", options.environments},
       {"window", options.window},
@@ -135,6 +137,9 @@ Json manifest_json(const PolicyServiceOptions& options,
   // What the traversals made of them.
   values["frames"] = fmt::format("{}:{}", options.first_frame, options.first_frame + options.frames);
   values["max-steps"] = std::to_string(options.max_steps);
+  values["max-detour"] = std::to_string(std::max(options.max_detour, 0));
+  if (const auto trainer = agent.find("trainer"); trainer != agent.end())
+    for (const auto& [name, value] : trainer->second) values["trainer-" + name] = fmt::format("{:.10g}", value);
   manifest["origins"] = origins;
   std::error_code none;
   if (!options.command.empty()) {

@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <numeric>
+#include <set>
 
 #include "idl/action.h"
 
 namespace citylearn {
 
-void add_belief(const Eigen::Ref<const Vector<float>>& scores, int first_frame, msg::Belief& belief) {
+void add_belief(const Eigen::Ref<const Vector<float>>& scores, int first_frame, msg::Belief& belief,
+                const StateMap* streets) {
   Vector<double> p = (scores.cast<double>().array() - static_cast<double>(scores.maxCoeff())).exp();
   if (!p.allFinite()) p.setOnes();  // a training that fails ends in the learner, not on the wire
   p /= p.sum();
@@ -24,9 +26,21 @@ void add_belief(const Eigen::Ref<const Vector<float>>& scores, int first_frame, 
     belief.probability().push_back(i < likely ? static_cast<float>(p(place)) : 0);
   }
   const double entropy = -(p.array() > 0).select(p.array() * p.array().log(), 0).sum() / std::log(2.0);
-  const std::ptrdiff_t from = std::max<std::ptrdiff_t>(best - 1, 0), to = std::min(best + 2, p.size());
+  double around = 0;
+  if (streets) {
+    const int state = static_cast<int>(best);
+    const auto [first, last] = streets->before(state);
+    std::set<int> near(first, last);
+    near.insert(state);
+    for (std::uint8_t action = 0; action < kActions; ++action)
+      if (const int to = streets->next(state, action); to >= 0) near.insert(to);
+    for (const int one : near) around += p(one);
+  } else {
+    const std::ptrdiff_t from = std::max<std::ptrdiff_t>(best - 1, 0), to = std::min(best + 2, p.size());
+    around = p.segment(from, to - from).sum();
+  }
   belief.entropy().push_back(static_cast<float>(std::max(entropy, 0.0)));
-  belief.lost().push_back(static_cast<float>(std::max(1 - p.segment(from, to - from).sum(), 0.0)));
+  belief.lost().push_back(static_cast<float>(std::max(1 - around, 0.0)));
 }
 
 }  // namespace citylearn

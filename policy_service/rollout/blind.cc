@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <utility>
+
+#include "policy_service/network/street_votes.h"
 #include "policy_service/rollout/control.h"
 
 namespace citylearn {
@@ -27,11 +30,81 @@ class Blind : public Policy {
   std::vector<std::uint8_t> heading_;
 };
 
+/// Ignores what it sees on streets: it is told where it starts, knows the map, and always walks to the nearest place
+/// where it has not been.
+class BlindOnStreets : public Policy {
+ public:
+  explicit BlindOnStreets(std::shared_ptr<const StateMap> streets)
+      : map_(std::move(streets)), from_(static_cast<std::size_t>(map_->states())) {}
+
+  void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
+    agents_.resize(observation.goal().size());
+    choice.assign(agents_.size(), kForward);
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      if (observation.flags()[i] & msg::FLAG_IDLE) continue;
+      Agent& agent = agents_[i];
+      const std::uint8_t previous = observation.previous_action()[i];
+      if (observation.flags()[i] & msg::FLAG_FIRST)
+        agent = {static_cast<int>(observation.position()[i]),
+                 std::vector<bool>(static_cast<std::size_t>(map_->places())),
+                 {}};
+      else if (previous < kActions)
+        agent.state = map_->after(agent.state, previous, 1);
+      agent.visited[static_cast<std::size_t>(map_->place(agent.state))] = true;
+      if (agent.plan.empty()) make_plan(agent);
+      const std::uint8_t planned = agent.plan.empty() ? +kForward : agent.plan.back();
+      choice[i] = allowed_or_other(planned, observation.allowed()[i]);
+      if (choice[i] != planned)
+        agent.plan.clear();  // it has slipped before
+      else if (!agent.plan.empty())
+        agent.plan.pop_back();
+    }
+  }
+
+ private:
+  struct Agent {
+    int state = 0;
+    std::vector<bool> visited;       // P
+    std::vector<std::uint8_t> plan;  // the next action stands last
+  };
+  struct Step {
+    int state = -1;  // from which the search came here; -1: it did not
+    std::uint8_t action = 0;
+  };
+
+  void make_plan(Agent& agent) {
+    queue_.assign(1, agent.state);
+    int found = -1;
+    for (std::size_t head = 0; head < queue_.size() && found < 0; ++head)
+      for (const std::uint8_t action : kStreetActions) {
+        const int to = map_->next(queue_[head], action);
+        if (to < 0 || to == agent.state || from_[static_cast<std::size_t>(to)].state >= 0) continue;
+        from_[static_cast<std::size_t>(to)] = {queue_[head], action};
+        queue_.push_back(to);
+        if (agent.visited[static_cast<std::size_t>(map_->place(to))]) continue;
+        found = to;
+        break;
+      }
+    for (int state = found; found >= 0 && state != agent.state; state = from_[static_cast<std::size_t>(state)].state)
+      agent.plan.push_back(from_[static_cast<std::size_t>(state)].action);
+    for (const int state : queue_) from_[static_cast<std::size_t>(state)] = {};
+  }
+
+  std::shared_ptr<const StateMap> map_;
+  std::vector<Agent> agents_;
+  std::vector<Step> from_;  // S
+  std::vector<int> queue_;
+};
+
 const ControlRegistry::Registration blind_registration({
     "blind",
-    "ignores the images: walks towards the goal's half, turns round at the end",
+    "ignores the images: walks towards the goal's half, turns round at the end; on streets it is told its start and "
+    "walks to the nearest place where it has not been",
     {},
-    [](const Parameters&, const ControlTask& task) { return std::make_unique<Blind>(task); },
+    [](const Parameters&, const ControlTask& task) -> std::unique_ptr<Policy> {
+      if (task.streets) return std::make_unique<BlindOnStreets>(task.streets);
+      return std::make_unique<Blind>(task);
+    },
 });
 
 }  // namespace

@@ -73,7 +73,13 @@ struct Collector::Impl {
   };
 
   Impl(const CollectorOptions& how, const NetworkTask& what, const AgentNetwork<float>& who, WorkerPool& by)
-      : options(how), task(what), network(who), workers(by), frames(what.frames) {
+      : options(how),
+        task(what),
+        network(who),
+        workers(by),
+        map(what.map()),
+        fields(*map, what.goal_radius),
+        frames(what.frames) {
     if (network.normalises()) normalisers = normalisers_by_experience(task.reference, task.frames);
     const double components = std::sqrt(std::max(1, task.features));
     noise_frame = static_cast<float>(options.noise_frame / components);
@@ -88,6 +94,8 @@ struct Collector::Impl {
   /// They see nothing: agents learn on the traversals that their priors are of. Empty: features stay as they are.
   std::vector<FeatureNormaliser> normalisers;
   float noise_frame, noise_place, noise_episode;  // deviation of a component
+  const std::shared_ptr<const StateMap> map;
+  DistanceFields fields;
   std::map<int, EnvState> envs;
   std::uint64_t generation = 0;
   int frames;           // places in use
@@ -199,7 +207,8 @@ const std::vector<FinishedEpisode>& Collector::finished(int environment) const {
 void Collector::begin_segment(int environment) { impl_->begin_segment(impl_->env(environment)); }
 
 void Collector::believe(int environment, msg::Belief& belief) const {
-  add_beliefs(impl_->network, impl_->env(environment).state, impl_->options.first_frame, belief);
+  add_beliefs(impl_->network, impl_->env(environment).state, impl_->options.first_frame, belief,
+              impl_->task.streets.get());
 }
 
 std::vector<int> Collector::environments() const {
@@ -224,6 +233,8 @@ bool Collector::act(int environment, const msg::Observation& observation, const 
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (env.seen.first[agent]) p.begin_episode(env, agent);
     const auto column = static_cast<std::ptrdiff_t>(agent);
+    if (p.task.streets && p.augments())
+      env.seen.shown[agent] = NetworkInputs<float>::augmented(static_cast<int>(observation.frame()[agent]));
     p.augment_features(env, column, observation.frame()[agent], env.seen.features_of(column));
   }
   ++env.step;
@@ -297,7 +308,7 @@ float Collector::Impl::final_value(EnvState& env, const Vector<float>& parameter
   NetworkInputs<float>& inputs = env.single.inputs;
   inputs.resize(task.features, 1, 1);
   inputs.frames = frames;
-  inputs.see(0, -1, features);
+  inputs.see(0, task.streets ? NetworkInputs<float>::augmented(static_cast<int>(frame)) : -1, features);
   inputs.position[0] = position;
   inputs.allowed[0] = allowed;
   inputs.goal[0] = env.agent[static_cast<std::size_t>(agent)].goal;
@@ -315,7 +326,7 @@ void Collector::Impl::begin_episode(EnvState& env, std::size_t index) {
   Agent& agent = env.agent[index];
   agent.start = env.seen.position[index];
   agent.goal = env.seen.goal[index];
-  agent.shortest = std::abs(agent.goal - agent.start);
+  agent.shortest = fields.to(agent.goal)(agent.start);
   agent.steps = 0;
   agent.reward = 0;
   ++agent.episode;
@@ -329,7 +340,9 @@ void Collector::Impl::begin_episode(EnvState& env, std::size_t index) {
 /// x' = x + u (f n + p q + e m), scaled back to the length of x. n is drawn at each step; q belongs to the frame and m
 /// to the episode, so that a place looks the same all along an episode; u, the strength, belongs to the episode too.
 /// Along the route q goes from one draw to the next in `stretch` places, because neighbouring frames err alike: an
-/// agent that learned otherwise would be too sure of itself where all looks strange.
+/// agent that learned otherwise would be too sure of itself where all looks strange. On streets frames with
+/// neighbouring numbers look from one place, or from two that a map lists one after the other: they may err alike as
+/// well, and what is alike along a street hardly reaches beyond one place.
 void Collector::Impl::augment_features(const EnvState& env, std::ptrdiff_t index, std::uint32_t frame,
                                        Eigen::Ref<Vector<float>> features) {
   if (!augments()) return;

@@ -12,17 +12,20 @@ namespace citylearn {
 /// The route of a control policy. Places are counted from the route's first frame.
 struct ControlTask {
   int first_frame = 0;  ///< of the route, index on the traversal
-  int frames = 0;       ///< N, places on the route
+  int frames = 0;       ///< N, places on the route; on streets their states
   /// D x EN, features of the route on the training traversals (for oracle_filter: on the one walked on), as
   /// NetworkTask.
   Matrix<float> reference = {};
-  int sparse_from = kSparsePlaces;  ///< as NetworkTask
+  int sparse_from = kSparsePlaces;               ///< as NetworkTask
+  std::shared_ptr<const StateMap> streets = {};  ///< likewise
+  float goal_radius = 0;                         ///< likewise
 };
 
 /// Policies that learn nothing: the references for every result of a learned agent.
 using ControlRegistry = Registry<Policy, const ControlTask&>;
 
-/// Returns `action` if it is allowed, else the opposite direction (on a route of 2 or more frames one of them is).
+/// Returns `action` if it is allowed on a line, else the opposite direction (on a route of 2 or more frames one of them
+/// is).
 inline std::uint8_t allowed_or_turn(std::uint8_t action, std::uint8_t allowed) {
   if (allowed >> action & 1) return action;
   return action == kNext ? kPrevious : kNext;

@@ -76,10 +76,11 @@ void read_observation(const msg::Observation& observation, int features, int fir
   }
 }
 
-void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states, int first_frame,
-                 msg::Belief& belief) {
+void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states, int first_frame, msg::Belief& belief,
+                 const StateMap* streets) {
   for (const auto& state : states.colwise())
-    if (const Vector<float> scores = network.belief(state); scores.size() > 0) add_belief(scores, first_frame, belief);
+    if (const Vector<float> scores = network.belief(state); scores.size() > 0)
+      add_belief(scores, first_frame, belief, streets);
 }
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
@@ -108,6 +109,9 @@ void NetworkPolicy::act(const msg::Observation& observation, const EvaluatedTask
   EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
     state_.col(column) = states_.col(agent);
     if (normalises) tasks_.normalise(normaliser_, agent, inputs_.features_of(column));
+    if (normalises && agent_.task.streets)
+      inputs_.shown[static_cast<std::size_t>(column)] =
+          NetworkInputs<float>::augmented(static_cast<int>(observation.frame()[static_cast<std::size_t>(agent)]));
     if (inputs_.first[static_cast<std::size_t>(column)])
       random_[static_cast<std::size_t>(agent)] = Random{options_.seed, tasks_.task(agent)};
   });
@@ -127,7 +131,7 @@ void NetworkPolicy::act(const msg::Observation& observation, const EvaluatedTask
 }
 
 void NetworkPolicy::believe(msg::Belief& belief) const {
-  add_beliefs(*agent_.network, states_, agent_.first_frame, belief);
+  add_beliefs(*agent_.network, states_, agent_.first_frame, belief, agent_.task.streets.get());
 }
 
 }  // namespace citylearn

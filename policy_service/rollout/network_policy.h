@@ -20,7 +20,8 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
 
 /// Adds what each agent believes in its state, a column of `states`, to an empty message. Adds nothing for a network
 /// without a belief.
-void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states, int first_frame, msg::Belief& belief);
+void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states, int first_frame, msg::Belief& belief,
+                 const StateMap* streets);
 
 /// Fills `inputs` (one step, the agents of `who`; empty: all) from an observation of a route of `frames` places from
 /// `first_frame` on. A column of EvaluatedTasks::kNobody shows nothing. With `own` every agent gets features of its

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -15,6 +16,7 @@ struct Rollout {
 
   int sequence = 0;                    ///< L
   int max_steps = 0;                   ///< step limit of an episode
+  int max_detour = 0;                  ///< likewise, in multiples of its fewest steps; 0: none
   float step_cost = 0;                 ///< what the learner is told that a costly step costs; 0: what the reward says
   NetworkInputs<float> inputs;         ///< T, A and what was seen
   NetworkInputs<float> next;           ///< one step: what was seen after the last action
@@ -29,6 +31,11 @@ struct Rollout {
   std::vector<float> advantage, target;  ///< TA, see estimate_advantages
 
   void resize(int feature_dimension, int state_size, int steps, int agents, int sequence_length);
+  /// Returns the step limit of an episode of so many fewest steps.
+  int limit(int fewest) const {
+    if (max_detour == 0) return max_steps;
+    return static_cast<int>(std::min<std::int64_t>(max_steps, std::int64_t{max_detour} * fewest));
+  }
   /// Returns what a learner learns from instead of a step's reward.
   float learned(float given) const { return given < 0 && step_cost > 0 ? -step_cost : given; }
   int sequences() const { return inputs.steps / sequence * inputs.agents; }

@@ -4,6 +4,7 @@
 #include <map>
 #include <optional>
 #include <span>
+#include <unordered_set>
 #include <utility>
 
 #include "policy_service/network/agents/place_filter.h"
@@ -11,6 +12,7 @@
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
 #include "policy_service/network/sparse_filter.h"
+#include "policy_service/network/street_votes.h"
 #include "policy_service/rollout/belief.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/evaluated_tasks.h"
@@ -24,8 +26,11 @@ namespace {
 /// ended, and places where other actions would be allowed are excluded, for the rest of the episode. Walks to the side
 /// of the goal where the belief, each place weighed by 1 / distance^g, is heavier, because a wrong turn costs most in
 /// proportion when the goal is near; the side that asks for turning about is weighed by u, because doubt alone is no
-/// reason to turn. On a map, takes the step that leads nearer from where most of the belief is. On a long line the
-/// belief is sparse, as place_filter's.
+/// reason to turn. On a long line the belief is sparse, as place_filter's.
+///
+/// On streets the belief is over their states and always sparse. A view seen before in the episode is no evidence: one
+/// that errs would err each time. Takes the action with which the way to the goal begins for most of the belief. After
+/// 4 turns in a row, where headings are fixed 16, it goes forward, because a belief in two states may turn it for ever.
 class SequenceFilter : public Policy {
  public:
   SequenceFilter(const ControlTask& task, const Parameters& parameters)
@@ -34,7 +39,7 @@ class SequenceFilter : public Policy {
         tempering_(parameters["tempering"]),
         turning_(parameters["turning"]),
         motion_(parameters["slip"], parameters["kidnap"]),
-        sparse_(task.frames >= task.sparse_from),
+        sparse_(task.streets || task.frames >= task.sparse_from),
         normaliser_(task.reference) {
     if (task.reference.size() == 0)
       throw Error("needs the features of the training traversal", "sequence_filter",
@@ -42,7 +47,14 @@ class SequenceFilter : public Policy {
     weights_ = Vector<double>::LinSpaced(task.frames, 1, task.frames).array().pow(-parameters["nearness"]);
     keys_.emplace(task.reference, static_cast<int>(task.reference.rows()), task.frames, sparse_);
     if (!sparse_) return;
-    sparse_filter_.emplace(*keys_, Motion<float>(parameters["slip"], parameters["kidnap"]));
+    sparse_filter_.emplace(
+        *keys_, Motion<float>(parameters["slip"], parameters["kidnap"]), task.streets,
+        task.streets ? static_cast<std::size_t>(task.frames) : std::size_t{SparseBelief<float>::kMaxActive});
+    if (task.streets) {
+      fields_.emplace(*task.streets, task.goal_radius);
+      max_turns_ = task.streets->states() == StateMap::kHeadings * task.streets->places() ? StateMap::kHeadings : 4;
+      return;
+    }
     inputs_.set_nearness(static_cast<float>(parameters["nearness"]), task.frames);
   }
 
@@ -74,7 +86,8 @@ class SequenceFilter : public Policy {
 
   void believe(msg::Belief& belief) const override {
     for (const Agent& agent : agents_)
-      add_belief(sparse_ ? agent.sparse.scores(task_.frames) : agent.belief.cast<float>(), task_.first_frame, belief);
+      add_belief(sparse_ ? agent.sparse.scores(task_.frames) : agent.belief.cast<float>(), task_.first_frame, belief,
+                 task_.streets.get());
   }
 
  private:
@@ -85,6 +98,10 @@ class SequenceFilter : public Policy {
     Vector<double> belief;  ///< N; empty where it is sparse
     double steps = 0;       ///< of its episode, as Motion counts them
     SparseBelief<float> sparse = {};
+    // On streets:
+    std::unordered_set<std::uint32_t> frames = {};  ///< seen in its episode
+    DistanceField distance = {};                    ///< to its goal
+    int turns = 0;                                  ///< in a row
   };
 
   /// Normalises what the agents of a batch see.
@@ -111,6 +128,7 @@ class SequenceFilter : public Policy {
       step.action = observation.previous_action()[index];
       step.allowed = observation.allowed()[index];
       step.first = observation.flags()[index] & msg::FLAG_FIRST;
+      if (fields_) note_view(agents_[index], observation.frame()[index], step);
     });
     sparse_filter_->advance(seen_, task_.frames, static_cast<float>(evidence_), static_cast<float>(tempering_),
                             std::span(steps_).first(count));
@@ -119,11 +137,35 @@ class SequenceFilter : public Policy {
     EvaluatedTasks::each_agent(batch, [&](int, int agent) {
       SparseStep<float>& step = steps_[count++];
       std::swap(agents_[static_cast<std::size_t>(agent)].sparse, step.after);
+      if (fields_) {
+        choice[static_cast<std::size_t>(agent)] = vote(step, agents_[static_cast<std::size_t>(agent)]);
+        return;
+      }
       const auto sides = inputs_.read(
           step, task_.frames, {step.action == kPrevious ? turning : 1, step.action == kNext ? turning : 1}, said_);
       choice[static_cast<std::size_t>(agent)] =
           allowed_or_turn(sides.before > sides.after ? kNext : kPrevious, step.allowed);
     });
+  }
+
+  void note_view(Agent& agent, std::uint32_t frame, SparseStep<float>& step) {
+    if (step.first) {
+      agent.frames.clear();
+      agent.distance = fields_->to(step.goal);
+      agent.turns = 0;
+    }
+    step.repeated = !agent.frames.insert(frame).second;
+  }
+
+  std::uint8_t vote(const SparseStep<float>& step, Agent& agent) const {
+    const auto share = votes(step, agent.distance, *task_.streets);
+    std::uint8_t best = kNoAction;
+    for (const std::uint8_t action : kStreetActions)
+      if (step.allowed >> action & 1 && (best == kNoAction || share[action] > share[best])) best = action;
+    agent.turns = best == kForward ? 0 : agent.turns + 1;
+    if (agent.turns <= max_turns_ || !(step.allowed >> kForward & 1)) return best;
+    agent.turns = 0;
+    return kForward;
   }
 
   std::uint8_t walk(const msg::Observation& observation, std::size_t index, int column) {
@@ -165,6 +207,8 @@ class SequenceFilter : public Policy {
   Matrix<float> seen_;                       ///< D x columns of a batch
   Matrix<float> similarities_, similarity_;  ///< EN x columns, N x columns
   Vector<double> before_, odds_;             ///< N
+  std::optional<DistanceFields> fields_;     ///< on streets
+  int max_turns_ = 0;
   std::optional<SparseFilter<float>> sparse_filter_;
   std::vector<SparseStep<float>> steps_;  ///< of a batch
   place_filter::SparseInputs<float> inputs_;
@@ -180,8 +224,8 @@ std::vector<ParameterSpec> filter_parameters() {
   specs.insert(specs.end(),
                {{"evidence", "s, how much the first frame of an episode counts", 16, 0.01, 1000},
                 {"tempering", "h, how fast later frames count for less: s / (1 + h t), t in steps", 0.15, 0, 1000},
-                {"nearness", "g, places are weighed by 1 / distance^g to the goal", 0.6, 0, 10},
-                {"turning", "u, the side that asks for turning about is weighed by this", 0.3, 0, 1}});
+                {"nearness", "g, places on a line are weighed by 1 / distance^g to the goal", 0.6, 0, 10},
+                {"turning", "u, on a line the side that asks for turning about is weighed by this", 0.3, 0, 1}});
   return specs;
 }
 

@@ -76,6 +76,8 @@ void Evaluation::give(EnvHandle& env, Part& part, Traversal& traversal, std::uin
   msg::TaskSettings settings = settings_;
   settings.first_task() = part.range.first;
   settings.tasks() = part.range.count;
+  if (env.streets) settings.frames() = static_cast<std::uint32_t>(env.streets->states());
+  if (settings.max_steps() == 0) settings.max_steps() = settings.frames();
   client_.command(env, settings);
 }
 

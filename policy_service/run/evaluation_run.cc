@@ -24,24 +24,58 @@ bool given(const PolicyServiceOptions& options, const std::string& name) {
 
 void EvaluationRun::load_agent() {
   PolicyServiceOptions& options = context_.options;
-  agent_ = trained_agent(read_checkpoint(options.checkpoint));
+  agent_ = unbuilt_agent(read_checkpoint(options.checkpoint));
+  const bool on_streets = agent_->places > 0;  // its network is built for those of each env_service
+  if (!on_streets) agent_->build_network(agent_->task);
   if (!agent_->data.known())
     spdlog::warn("{}: the checkpoint does not say what its agent learned from, so the data are not checked",
                  options.checkpoint);
   else if (!given(options, "--train"))
     options.train = agent_->data.names();
+  if (!options.parameters.empty() && on_streets)
+    throw Error("is for agents on a line, that of " + options.checkpoint + " walks on streets", "--parameters");
   if (!options.parameters.empty()) load_parameters(options.parameters, *agent_);
-  if (options.max_steps == options.frames) options.max_steps = agent_->task.frames;
+  if (options.cap_steps) options.max_steps = agent_->task.frames;
   options.agent = agent_->name;
   options.first_frame = agent_->first_frame;
-  options.frames = agent_->task.frames;
-  options.cap_frames = false;
+  options.cap_frames = on_streets;
+  if (!on_streets) options.frames = agent_->task.frames;
 }
 
-Evaluation::MakePolicy EvaluationRun::agent_policy() const {
+Evaluation::MakePolicy EvaluationRun::agent_policy() {
   NetworkPolicy::Options options;
   options.seed = evaluation_choice_seed(context_.options.seed);
-  return [agent = *agent_, options](const EnvHandle&) { return std::make_unique<NetworkPolicy>(agent, options); };
+  const bool on_streets = agent_->places > 0;
+  NetworkTask elsewhere{agent_->task.features, 0, on_streets ? reference() : Matrix<float>()};
+  elsewhere.goal_radius = context_.options.goal_radius;
+  return [agent = *agent_, on_streets, elsewhere, options](const EnvHandle& env) {
+    if (on_streets != env.on_streets())
+      throw Error(on_streets ? "is a line, the agent learned on streets" : "has streets, the agent learned on a line",
+                  "traversal '" + env.traversal() + "'");
+    if (!on_streets || env.streets == agent.task.streets) return std::make_unique<NetworkPolicy>(agent, options);
+    if (agent.data.known() && agent.data.traversals.front().streets_hash != env.info.streets_hash())
+      spdlog::info("'{}' has other streets than '{}', where the agent learned", env.traversal(),
+                   agent.data.traversals.front().traversal);
+    NetworkTask here = elsewhere;
+    here.streets = env.streets;
+    here.frames = env.streets->states();
+    TrainedAgent one = agent;
+    one.build_network(std::move(here));
+    return std::make_unique<NetworkPolicy>(std::move(one), options);
+  };
+}
+
+/// Returns those of the traversals on whose streets an agent or a control of this name can walk: a filter remembers one
+/// map's places.
+std::vector<std::string> EvaluationRun::known(const std::string& name, std::vector<std::string> traversals) const {
+  if (name != "sequence_filter" && !(agent_ && agent_->places > 0 && name == context_.options.agent)) return traversals;
+  std::erase_if(traversals, [&](const std::string& traversal) {
+    const auto streets = context_.streets_on(traversal);
+    const bool same = !streets || streets == context_.streets_on(context_.options.train.front());
+    if (!same) spdlog::warn("skipping {} on '{}': its streets are not those of --train", name, traversal);
+    return !same;
+  });
+  return traversals;
 }
 
 /// Returns the features that filters remember: those of --train, else those that the agent does.
@@ -54,20 +88,30 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   PolicyServiceOptions& options = context_.options;
   const auto& entry = ControlRegistry::instance().find("control", name);
   const Parameters parameters(name, entry.parameters, options.control_parameters[name]);
-  const ControlTask route{options.first_frame, options.frames};
-  if (name != "oracle_filter") {
+  const auto task_on = [route = ControlTask{options.first_frame, options.frames},
+                        radius = options.goal_radius](const EnvHandle& env) {
     ControlTask task = route;
-    if (name == "sequence_filter") task.reference = reference();
-    return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
+    task.streets = env.streets;
+    task.goal_radius = radius;
+    if (env.streets) task.frames = env.streets->states();
+    return task;
+  };
+  if (name != "oracle_filter") {
+    const Matrix<float> taught = name == "sequence_filter" ? reference() : Matrix<float>();
+    return [&entry, parameters, task_on, taught](const EnvHandle& env) {
+      ControlTask task = task_on(env);
+      task.reference = taught;
+      return entry.create(parameters, task);
+    };
   }
   std::map<std::string, ControlTask> tasks;
   const Matrix<float> taught = reference();
   for (const EnvHandle* env : context_.evaluation_envs()) {
     const std::vector<float>& features = context_.features_on(env->traversal());
-    ControlTask& task = tasks.emplace(env->traversal(), route).first->second;
+    ControlTask& task = tasks.emplace(env->traversal(), task_on(*env)).first->second;
     task.reference = Eigen::Map<const Matrix<float>>(
-        features.data(), static_cast<std::ptrdiff_t>(features.size()) / route.frames, route.frames);
-    pairings_[env->traversal()] = examine_pairs(taught, task.reference);
+        features.data(), static_cast<std::ptrdiff_t>(features.size()) / task.frames, task.frames);
+    if (!task.streets) pairings_[env->traversal()] = examine_pairs(taught, task.reference);
   }
   return
       [&entry, parameters, tasks](const EnvHandle& env) { return entry.create(parameters, tasks.at(env.traversal())); };
@@ -125,7 +169,9 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
   settings.task_mode() = msg::EVALUATE;
   settings.first_frame() = static_cast<std::uint32_t>(options.first_frame);
   settings.frames() = static_cast<std::uint32_t>(options.frames);
-  settings.max_steps() = static_cast<std::uint32_t>(options.max_steps);
+  settings.max_steps() = options.cap_steps ? 0 : static_cast<std::uint32_t>(options.max_steps);  // 0: as many as frames
+  settings.max_detour() = static_cast<std::uint32_t>(options.max_detour);
+  settings.goal_radius() = options.goal_radius;
   settings.tasks() = static_cast<std::uint32_t>(options.tasks);
   settings.seed() = evaluation_task_seed(options.seed);
   settings.shuffle() = shuffle;
@@ -160,6 +206,7 @@ std::optional<double> EvaluationRun::evaluate_others() {
   std::vector<std::string> others;
   for (const EnvHandle* env : context_.evaluation_envs())
     if (context_.experience_on(env->traversal()) < 0) others.push_back(env->traversal());
+  others = known(context_.options.agent, std::move(others));
   if (others.empty()) return std::nullopt;
   evaluate(context_.options.agent, false, agent_policy(), others);
   double sum = 0;
@@ -176,20 +223,22 @@ std::optional<double> EvaluationRun::evaluate_others() {
 void EvaluationRun::evaluate_all() {
   const PolicyServiceOptions& options = context_.options;
   const std::vector<EnvHandle*> envs = context_.evaluation_envs();
-  context_.cap_frames(envs);
+  context_.fit_route(envs);
   std::vector<std::string> traversals;
   for (const EnvHandle* env : envs) traversals.push_back(env->traversal());
   if (!context_.records.announced()) context_.records.announce("", 0, {});
   const Evaluation::MakePolicy agent = agent_ ? agent_policy() : control(options.agent);
-  evaluate(options.agent, false, agent, traversals);
+  evaluate(options.agent, false, agent, known(options.agent, traversals));
   for (const std::string& name : options.controls) {
     if (name == options.agent) continue;
-    if (name == "shuffled") {
+    if (name == "shuffled" && !traversals.empty() && context_.streets_on(traversals.front())) {
+      spdlog::warn("skipping shuffled: the frames of streets are not shuffled");
+    } else if (name == "shuffled") {
       evaluate(options.agent, true, agent, traversals);
     } else if (name.ends_with("_filter") && reference().size() == 0) {
       spdlog::warn("skipping {}: traversal '{}' has no features or no env_service", name, joined(options.train));
     } else {
-      evaluate(name, false, control(name), traversals);
+      evaluate(name, false, control(name), known(name, traversals));
     }
   }
   if (!rows_.empty()) return;

@@ -42,7 +42,8 @@ class EvaluationRun {
   std::string gather_envs(Evaluation& evaluation, const std::string& label);
   void evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
                 const std::vector<std::string>& traversals);
-  Evaluation::MakePolicy agent_policy() const;
+  Evaluation::MakePolicy agent_policy();
+  std::vector<std::string> known(const std::string& name, std::vector<std::string> traversals) const;
   Evaluation::MakePolicy control(const std::string& name);
   Matrix<float> reference();
 

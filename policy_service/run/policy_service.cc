@@ -72,7 +72,11 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
 
 PolicyServiceOptions checked_options(PolicyServiceOptions options) {
   number_ranks(options);
-  if (options.max_steps == 0) options.max_steps = options.frames;
+  options.cap_steps = options.max_steps == 0;
+  if (options.cap_steps) options.max_steps = options.frames;
+  if (!std::isfinite(options.goal_radius)) throw Error("is not finite", "--goal-radius");
+  if (options.goal_radius > 0 && options.role != "both")
+    throw Error("is for --role both", "--goal-radius", "an actor does not learn of it");
   if (std::find(options.controls.begin(), options.controls.end(), "all") != options.controls.end()) {
     options.controls = {"shuffled"};
     for (const auto* entry : ControlRegistry::instance().entries()) options.controls.push_back(entry->name);

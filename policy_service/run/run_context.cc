@@ -33,23 +33,38 @@ void RunContext::require(std::optional<int> feature_dimension, const TrainingDat
   required.traversals = {options.evaluate.begin(), options.evaluate.end()};
   if (!required.traversals.empty()) required.traversals.insert(options.train.begin(), options.train.end());
   required.first_frame = static_cast<std::uint32_t>(options.first_frame);
-  required.frames = options.cap_frames ? 0 : static_cast<std::uint32_t>(options.frames);
+  required.frames = options.cap_frames || all_frames_ ? 0 : static_cast<std::uint32_t>(options.frames);
+  required.streets = streets_;
+  feature_dimension_ = feature_dimension;
   if (feature_dimension) required.feature_dimension = static_cast<std::uint32_t>(*feature_dimension);
   required.learned = learned_ = learned;
   client.require(std::move(required));
 }
 
-void RunContext::cap_frames(const std::vector<EnvHandle*>& envs) {
-  if (!std::exchange(options.cap_frames, false)) return;
-  for (const EnvHandle* env : envs) {
+void RunContext::fit_route(const std::vector<EnvHandle*>& envs) {
+  if (streets_ || envs.empty()) return;
+  const EnvHandle& first = env_on(options.train.front()) ? *env_on(options.train.front()) : *envs.front();
+  streets_ = first.on_streets();
+  if (options.goal_radius > 0 && !*streets_)
+    throw Error("is for streets, which '" + first.traversal() + "' has not", "--goal-radius");
+  if (options.max_detour == kDefaultDetour) options.max_detour = *streets_ ? 3 : 0;
+  const bool capped = std::exchange(options.cap_frames, false);
+  all_frames_ = *streets_ && capped;
+  for (const EnvHandle* env :
+       all_frames_ ? std::vector{&first} : std::vector<const EnvHandle*>(envs.begin(), envs.end())) {
     const int frames = static_cast<int>(env->info.frames()) - options.first_frame;
-    if (frames < 2 || frames >= options.frames) continue;
+    if (!capped || frames < 2 || (frames >= options.frames && !*streets_)) continue;
     spdlog::info("'{}' has {} frames: --frames is {}:{}", env->traversal(), env->info.frames(), options.first_frame,
                  options.first_frame + frames);
-    if (options.max_steps == options.frames) options.max_steps = frames;
+    if (options.cap_steps) options.max_steps = frames;
     options.frames = frames;
   }
-  require();
+  require(feature_dimension_, learned_);
+}
+
+std::shared_ptr<const StateMap> RunContext::streets_on(const std::string& traversal) const {
+  const EnvHandle* env = env_on(traversal);
+  return env ? env->streets : nullptr;
 }
 
 /// Returns whether this run may use an env_service. A learner leaves them to its actors.
@@ -113,6 +128,7 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
     for (const auto& [id, env] : client.envs()) {
       found += (found.empty() ? "" : ", ") + id + " on " + env->traversal();
       if (!env->refusal.empty()) found += ", which " + env->refusal;
+      if (env->joining) found += ", whose street map is on its way";
       if (const std::string other = client.other_policy(*env); !other.empty())
         found += ", which works for '" + other + "'";
     }
@@ -156,7 +172,10 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
     for (const auto& [id, env] : client.envs())
       if (free(*env)) traversals.insert(env->traversal());
   if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train.front());
-  wait_for_envs(traversals, 1);
+  std::set<std::string> awaited = traversals;
+  if (options.agent == "sequence_filter" && options.checkpoint.empty())  // it remembers what they show
+    awaited.insert(options.train.begin(), options.train.end());
+  wait_for_envs(awaited, 1);
   std::vector<EnvHandle*> envs;
   for (const std::string& traversal : traversals) envs.push_back(env_on(traversal));
   return envs;
@@ -169,7 +188,8 @@ const std::vector<float>& RunContext::features_on(const std::string& traversal) 
     if (!env || env->info.feature_dimension() == 0) break;
     node.report(msg::WAITING, "waiting for the features of '" + traversal + "'");
     try {
-      features = client.fetch_features(*env, options.first_frame, options.frames, options.client.patience);
+      const int count = env->streets ? env->streets->states() : options.frames;
+      features = client.fetch_features(*env, options.first_frame, count, options.client.patience);
     } catch (const Error&) {
       if (env->alive() && env->refusal.empty()) throw;  // its encoder_service is gone
     }
@@ -187,6 +207,9 @@ Matrix<float> RunContext::reference() {
       if (!first) first = contents;
       if (const std::string wrong = features_misfit(contents, *first, "'" + first->traversal + "'"); !wrong.empty())
         throw Error(wrong, "traversal '" + name + "'", "train on traversals with features of one kind");
+      if (env->streets != streets_on(options.train.front()))
+        throw Error("walks on other streets than '" + options.train.front() + "'", "traversal '" + name + "'",
+                    "train on traversals of one map, with one rule");
     }
     const std::vector<float>& features = features_on(name);
     if (features.empty()) return {};

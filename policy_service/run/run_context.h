@@ -49,9 +49,12 @@ class RunContext {
   /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
   /// far as these are known.
   void require(std::optional<int> feature_dimension = {}, const TrainingData& learned = {});
-  /// Lowers a default number of frames to what all of these env_services have, and the step limit that follows from it,
-  /// and refuses env_services that have fewer. Does so once.
-  void cap_frames(const std::vector<EnvHandle*>& envs);
+  /// Takes from these env_services whether the run is on streets, and what its default limits are there. Lowers a
+  /// default number of frames to what all of them have, on streets takes all of the first one's, and the step limit
+  /// that follows from it, and refuses env_services that do not fit. Does so once.
+  void fit_route(const std::vector<EnvHandle*>& envs);
+  /// Returns the states of a traversal's streets; null on a line, and without an env_service.
+  std::shared_ptr<const StateMap> streets_on(const std::string& traversal) const;
   /// Waits until every traversal has an env_service, and each training traversal `training_envs` of them. Throws
   /// EnvServicesMissing after --wait.
   void wait_for_envs(const std::set<std::string>& traversals, int training_envs);
@@ -82,7 +85,10 @@ class RunContext {
   bool free(const EnvHandle& env) const;
 
   std::map<std::string, std::vector<float>> features_;  ///< by traversal
-  TrainingData learned_;
+  std::optional<int> feature_dimension_;                ///< that is required
+  TrainingData learned_;                                ///< likewise
+  std::optional<bool> streets_;                         ///< whether the run is on them; unset: not known yet
+  bool all_frames_ = false;                             ///< on streets, each traversal's route is all of its frames
 };
 
 }  // namespace citylearn

@@ -74,10 +74,19 @@ void add_task_options(CLI::App& app, PolicyServiceOptions& options) {
            options.frames = end - first;
          },
          "Frames of the traversal that are the route's places, END not included; either may be left out; the "
-         "default is lower on shorter traversals")
+         "default is lower on shorter traversals, and all on streets")
       ->type_name("FIRST:END")
       ->default_str("0:128");
-  app.add_option("--max-steps", options.max_steps, "Step limit of an episode; 0 = N")
+  app.add_option("--max-steps", options.max_steps, "Step limit of an episode; 0 = N, on streets the number of states")
+      ->capture_default_str()
+      ->check(at_least(0));
+  options.max_detour = kDefaultDetour;
+  app.add_option("--max-detour", options.max_detour,
+                 "Step limit of an episode as a multiple of its fewest steps; 0 = none")
+      ->default_str("3 on streets, else 0")
+      ->check(at_least(0));
+  app.add_option("--goal-radius", options.goal_radius,
+                 "Metres around its goal at which an agent on streets has reached it")
       ->capture_default_str()
       ->check(at_least(0));
   app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8, 16 ... N frames");

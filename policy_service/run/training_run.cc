@@ -39,7 +39,7 @@ void TrainingRun::build_trainer() {
   Matrix<float> reference;
   do {
     context_.wait_for_training_envs(options.environments);
-    context_.cap_frames(context_.training_envs());
+    context_.fit_route(context_.training_envs());
     reference = context_.reference();  // refuses env_services that do not deliver theirs
     learned_ = {{}, options.source};
     for (const std::string& traversal : options.train)
@@ -51,12 +51,15 @@ void TrainingRun::build_trainer() {
   NetworkTask task;
   task.frames = options.frames;
   task.features = static_cast<int>(learned_.traversals.front().feature_dimension);
+  task.streets = context_.streets_on(options.train.front());
+  task.goal_radius = options.goal_radius;
   context_.require(task.features, learned_);
   task.reference = std::move(reference);
   const std::string folder = context_.records.checkpoint_folder();
   const std::optional<std::string> newest = options.resume ? newest_checkpoint(folder) : std::nullopt;
   if (!options.initial_checkpoint.empty() && !newest) {
-    trainer.initial = trained_agent(read_checkpoint(options.initial_checkpoint));
+    trainer.initial = unbuilt_agent(read_checkpoint(options.initial_checkpoint));
+    trainer.initial->build_network(trainer.initial->places > 0 ? task : trainer.initial->task);
     const TraversalContents& first = learned_.traversals.front();
     for (const TraversalContents& before : trainer.initial->data.traversals)
       if (const std::string wrong = features_misfit(first, before, "'" + before.traversal + "'"); !wrong.empty())

@@ -95,9 +95,12 @@ def seed_of(seed: Any) -> int:
     return count("seed", seed, 0, 2**64 - 1)
 
 
-def route_of(frames: int | str | None, max_steps: int, shuffle: bool, available: int, name: str) -> _native.Route:
-    """Returns the route that `frames` names, "FIRST:END" or a number, on a traversal with `available` frames."""
-    first, end = 0, min(DEFAULT_FRAMES, available)
+def route_of(frames: int | str | None, max_steps: int, shuffle: bool, max_detour: int | None, on: Any,
+             name: str) -> _native.Route:
+    """Returns the route that `frames` names, "FIRST:END" or a number, on a recording or environments; by default the
+    whole of streets, with a limit of three times the fewest steps."""
+    available = on.frames
+    first, end = 0, available if on.on_streets else min(DEFAULT_FRAMES, available)
     if isinstance(frames, str):
         try:
             first, end = (int(part) if part.strip() else least for part, least in
@@ -110,4 +113,5 @@ def route_of(frames: int | str | None, max_steps: int, shuffle: bool, available:
         raise ValueError(f"frames: {first}:{end} must be two frames or more of the {available} of traversal '{name}'")
     if shuffle not in (False, True):
         raise TypeError(f"shuffle must be True or False, is {shuffle!r}")
-    return _native.Route(first, end - first, count("max_steps", max_steps, 0) or end - first, bool(shuffle))
+    detour = 3 * on.on_streets if max_detour is None else count("max_detour", max_detour, 0)
+    return _native.Route(first, end - first, count("max_steps", max_steps, 0) or end - first, bool(shuffle), detour)

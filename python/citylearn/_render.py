@@ -14,15 +14,17 @@ PLACE, GOAL = (220, 60, 40), (40, 180, 60)
 
 
 class Painter:
-    """Draws what agents on a route of a recording see and where they are."""
+    """Draws what agents on a route of a recording see and where they are. `places`: of each state of streets."""
 
-    def __init__(self, recording: _native.Recording, route: _native.Route):
-        self._recording, self._route = recording, route
+    def __init__(self, recording: _native.Recording, route: _native.Route, places: np.ndarray):
+        self._recording, self._route, self._places = recording, route, places
         rows, columns = self._frame(0).shape[:2]
         self._height = max(WIDTH * rows // columns, 1)  # of all: a video has pictures of one size
 
     def draw(self, seen: int, place: int, goal: int) -> np.ndarray:
         """Returns uint8 (H, W, 3): the frame seen and, beside it, the goal's; below them the route with both places."""
+        if len(self._places):  # a goal is a place, of which the first view is shown
+            goal = int(np.searchsorted(self._places, goal))
         bar = np.full((BAR, 2 * WIDTH + GAP, 3), 90, np.uint8)
         for where, colour in (goal, GOAL), (place, PLACE):
             at = int(where) * (bar.shape[1] - MARK) // (self._route.frames - 1)

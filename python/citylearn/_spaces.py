@@ -100,11 +100,11 @@ except ImportError:
                 self.closed = True
 
 
-def observation_space(features: int, frames: int) -> Any:
+def observation_space(features: int, places: int) -> Any:
     """The space of what one agent observes, described at VectorEnv."""
     return Dict({
         "features": Box(-np.inf, np.inf, (features,), np.float32),
-        "goal": Discrete(frames),
+        "goal": Discrete(places),
         "previous_action": Discrete(4),
         "action_mask": Box(0, 1, (3,), np.int8),
     })

@@ -69,7 +69,7 @@ class ActingPolicy:
 @none_is_default
 def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, traversals: Sequence[str] = (),
              controls: Sequence[str] = (), tasks: int = 2000, seed: int = 1, frames: int | str | None = None,
-             max_steps: int = 0, train: str | None = None, name: str = "policy",
+             max_steps: int = 0, max_detour: int | None = None, train: str | None = None, name: str = "policy",
              control_parameters: dict[str, dict[str, float]] | None = None, **options: Any) -> Scores:
     """Lets a policy perform numbered tasks, and returns its figures as policy_service --mode evaluate has them.
 
@@ -79,7 +79,8 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
       summer.
     controls: evaluated on the same tasks; "shuffled" is the policy on shuffled frames, "all" means every one.
     tasks, seed: the same seed gives every policy the same tasks.
-    frames, max_steps: the route, as VectorEnv has it; a checkpoint's own by default.
+    frames, max_steps, max_detour: the route, as VectorEnv has it; a checkpoint's own by default. On streets there is no
+      control "shuffled".
     train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's own; by default
       the first one that the policy learned from.
     options: as VectorEnv's in process. A policy of load_policy() brings those of its training along: dataset, folder,
@@ -101,9 +102,8 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
             raise ValueError("the policy does not say what it learned from; give data=, or dataset=\"synthetic\"")
         warnings.warn("the policy does not say what it learned from, so the data are not checked", stacklevel=3)
     train = train or (learned.traversals or ["summer"])[0]
-    if agent and frames is None:
-        frames, max_steps = f"{agent.first_frame}:{agent.first_frame + agent.frames}", max_steps or agent.frames
-    if "all" in controls:
+    every = "all" in controls
+    if every:
         controls = ["shuffled", *_native.controls()]
     for control, values in (control_parameters or {}).items():
         if control not in (own, *controls):
@@ -131,7 +131,12 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
 
     for label in [own, *(control for control in controls if control != own)]:
         for traversal, recording in recordings.items():
-            route = route_of(frames, max_steps, label == "shuffled", recording.frames, traversal)
+            if label == "shuffled" and recording.on_streets and every:
+                continue
+            own_route = agent and frames is None and not recording.on_streets
+            route = route_of(f"{agent.first_frame}:{agent.first_frame + agent.frames}" if own_route else frames,
+                             max_steps or agent.frames if own_route else max_steps, label == "shuffled", max_detour,
+                             recording, traversal)
             which = own if label == "shuffled" else label
             if agent and which == own:
                 make = _native.agent_policy if isinstance(agent, _native.Agent) else _native.exported_policy
@@ -140,7 +145,7 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
                 acting = _native.function_policy(_columns(policy), recording.features, route.first_frame)
             else:
                 acting = _native.control_policy(which, (control_parameters or {}).get(which, {}), route,
-                                                reference(which, recording, route))
+                                                reference(which, recording, route), recording)
             scores[label, recording.name] = _native.evaluate(acting, recording, route, tasks, seed)
     return scores
 

@@ -14,6 +14,7 @@ from ._render import Painter
 from ._spaces import AutoresetMode, Discrete, EnvBase, VectorEnvBase, batch_space, observation_space
 
 STAY, NEXT, PREVIOUS = 0, 1, 2
+LEFT, FORWARD, RIGHT = 0, 1, 2  # on streets
 _MOST_SERVICES = 4096
 _WAIT = 255  # at the start of an episode: nothing of the agent changes
 _TERMINATED, _TRUNCATED = 2, 4
@@ -30,19 +31,25 @@ class VectorEnv(VectorEnvBase):
     step that leads nearer to the goal than any before costs nothing, any other 1 / max_steps. Reaching the goal is
     worth 1 and terminates the episode; max_steps steps truncate it. An action that leads off the route counts as 0.
 
+    Where the traversal has a map of streets, it stands at a place and faces a heading: one of N states. It turns left
+    (0), goes forward (1) or turns right (2), and is to reach a place in whatever state. What it cannot do counts as the
+    first action that it can.
+
     Observations, for B = num_envs agents, are new arrays at each step:
       features         float32 (B, D)  of the frame that the agent sees
-      goal             int64 (B,)      place to reach, 0..N-1
+      goal             int64 (B,)      place to reach, 0..N-1; on streets one of their places
       previous_action  int64 (B,)      0..2, or 3 at the start of an episode
       action_mask      int8 (B, 3)     1 where the action stays on the route
-    Infos: `position` int64 (B,), the place stood at, and `spl` float64 (B,) where an episode ended, success weighted by
-    path length; each with its mask `_position`, `_spl`. The same seed gives the same observations in process and over
+    Infos: `position` int64 (B,), the place or state stood at, on streets `heading` float32 (B,), degrees clockwise from
+    north, and `spl` float64 (B,) where an episode ended, success weighted by path length; each with its mask
+    `_position`, `_heading`, `_spl`. The same seed gives the same observations in process and over
     DDS, whatever the middleware.
     """
 
     @none_is_default
     def __init__(self, *, num_envs: int | None = None, agents: int | None = None, services: int | None = None,
-                 frames: int | str | None = None, max_steps: int = 0, shuffle: bool = False,
+                 frames: int | str | None = None, max_steps: int = 0, max_detour: int | None = None,
+                 shuffle: bool = False,
                  autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, wait: float = 30,
                  render_mode: str | None = None, **options: Any):
         """Loads the traversal, or finds the env_services. None leaves an argument out.
@@ -51,7 +58,9 @@ class VectorEnv(VectorEnvBase):
         services: environments that step together, each with random numbers of its own; 1 by default.
         num_envs: agents x services, for gymnasium.make_vec; alone it makes so many services of one agent.
         frames: the route, a number of frames from the first on or "FIRST:END"; the first 128 by default.
+          Streets are walked as a whole.
         max_steps: step limit of an episode; 0: as many as the route has places.
+        max_detour: likewise in multiples of its fewest steps; 0: none. By default 3 on streets, 0 on a line.
         shuffle: show the frames in a random order, another one in each episode; the place where an episode begins
           keeps its frame of the last episode, which ended there.
         wait: seconds until a missing or silent env_service raises TimeoutError.
@@ -81,10 +90,12 @@ class VectorEnv(VectorEnvBase):
         else:
             recording = _native.Recording(as_text(options))
             self._envs = _native.Envs(recording, count("agents", 16 if agents is None else agents, 1, 256), services)
-        self._route = route_of(frames, max_steps, shuffle, self._envs.frames, self._envs.traversal)
-        self._painter = Painter(recording, self._route) if render_mode else None
+        self._route = route_of(frames, max_steps, shuffle, max_detour, self._envs, self._envs.traversal)
+        self._places, self._headings = self._envs.states
+        self._painter = Painter(recording, self._route, self._places) if render_mode else None
         self.num_envs: int = self._envs.agents
-        self.single_observation_space = observation_space(self._envs.features, self._route.frames)
+        self.single_observation_space = observation_space(
+            self._envs.features, int(self._places[-1]) + 1 if len(self._places) else self._route.frames)
         self.single_action_space = Discrete(3)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -125,13 +136,13 @@ class VectorEnv(VectorEnvBase):
         observation, position, _, _ = self._unpack(self._envs.reset(
             self._route, [one if new else None for one, new in zip(seeds, anew)]))
         self._steps[begins] = 0
-        self._shortest = np.where(begins, np.abs(observation["goal"] - position), self._shortest)
+        self._note_shortest(begins, observation["goal"], position)
         self._ended &= ~mask
         for name, values in self._final.items() if self._ended.any() else ():
             observation[name] = np.where(self._ended, values, observation[name])
         self._ready = True
         self._shown = self._painter and (self._frame, position.copy(), observation["goal"].copy())
-        return observation, {"position": np.where(mask, position, 0), "_position": mask.copy()}
+        return observation, self._infos(position, mask)
 
     def step(self, actions: Any) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Steps all agents by actions, whole numbers (B,). Returns observations, rewards float64 (B,), terminations and
@@ -200,8 +211,10 @@ class VectorEnv(VectorEnvBase):
             raise TypeError(f"actions are {actions.dtype}, must be whole numbers")
         if actions.min() < 0 or actions.max() > PREVIOUS:
             agent = int(np.argmax((actions < 0) | (actions > PREVIOUS)))
-            raise ValueError(f"action {actions[agent]} of agent {agent} must be 0 (stay), 1 (next) or 2 (previous)")
-        chosen = np.where(self._mask[self._rows, actions], actions, STAY).astype(np.uint8)
+            names = ("left", "forward", "right") if len(self._places) else ("stay", "next", "previous")
+            raise ValueError(f"action {actions[agent]} of agent {agent} must be 0 ({names[0]}), 1 ({names[1]}) or 2 "
+                             f"({names[2]})")
+        chosen = np.where(self._mask[self._rows, actions], actions, self._mask.argmax(axis=1)).astype(np.uint8)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             chosen[self._ended] = _WAIT
         elif self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
@@ -224,14 +237,14 @@ class VectorEnv(VectorEnvBase):
         ended = terminated | truncated
         self._ended = ended & (self.autoreset_mode != AutoresetMode.SAME_STEP)  # and do not yet begin the next
         self._steps += chosen != _WAIT
-        infos = {"position": position, "_position": np.ones(self.num_envs, bool)}
+        infos = self._infos(position, np.ones(self.num_envs, bool))
         if ended.any():
             self._final = {"goal": np.where(ended, goal_before, observation["goal"]),
                            "previous_action": np.where(ended, chosen, observation["previous_action"])}
             final = {**observation, **{name: values.copy() for name, values in self._final.items()}}
             spl = np.where(terminated, self._shortest / np.maximum(self._steps, self._shortest), 0.0)
             self._steps[ended] = 0
-            self._shortest = np.where(ended, np.abs(observation["goal"] - position), self._shortest)
+            self._note_shortest(ended, observation["goal"], position)
             if self.autoreset_mode == AutoresetMode.SAME_STEP:
                 infos["final_obs"] = np.full(self.num_envs, None, object)
                 for agent in np.flatnonzero(ended):
@@ -244,6 +257,18 @@ class VectorEnv(VectorEnvBase):
                 infos["spl"], infos["_spl"] = spl, ended.copy()
         self._shown = self._painter and (self._frame, position.copy(), observation["goal"].copy())
         return observation, rewards, terminated, truncated, infos
+
+    def _note_shortest(self, begins: np.ndarray, goal: np.ndarray, position: np.ndarray) -> None:
+        """Notes the fewest steps of the agents that begin an episode."""
+        position, goal = position[begins], goal[begins]
+        self._shortest[begins] = (self._envs.fewest_steps(position, goal) if len(self._places)
+                                  else np.abs(goal - position))
+
+    def _infos(self, position: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
+        infos = {"position": np.where(mask, position, 0), "_position": mask.copy()}
+        if len(self._places):
+            infos |= {"heading": np.where(mask, self._headings[position], 0), "_heading": mask.copy()}
+        return infos
 
     def _seeds(self, seed: Any) -> list[int | None]:
         """Returns one seed, or None, for each service."""

@@ -47,6 +47,9 @@ ELSEWHERE = {
     "policy_service --train summer --frames 0:128 --output out/rank": "tests/slurm",
     "policy_service --train summer,fall --evaluate winter ...": "the demo before it",
     "env_service --dataset synthetic --metrics": "prometheus_test.py",
+    "env_service --data DIR --traversal": "tests/python/streets_test.py",
+    "env_service --data CITY --rule street": "tests/unit/env_service/datasets",
+    "policy_service --train summer --evaluate summer,fall --controls all": "tests/simulation/services/streets_test.cc",
     "./run forward": "tests/python/forward_test.py",
     "./run replay drive --agent": "tests/unit/tools/record",
 }
@@ -176,6 +179,13 @@ class Recipes(CommandLine):
         for interval in ("", r" \(0\.\d+ to 0\.\d+\)"):
             self.assertRegex(said, rf"\nLearning gained 0\.\d+ SPL{interval} over the untrained sequence_filter\.\n")
         self.assertRegex(said, r"gained by learning .* fall-slip0\.1 +\| 2 +\|[^|]+\| 0\.\d+")
+
+    def test_streets_of_the_drawn_city(self):
+        demo, = self.take("walk-on-streets", "./run demo --rule street")
+        said = self.run_command(*demo, "--synthetic-images", "0", "--agent", "sequence_filter", "--mode", "evaluate", "--slip", "0",
+                                "--evaluate", "winter", "--tasks", "50", "--no-dashboard", "--output", "out")
+        self.assertIn("sequence_filter finds its way in winter", said)
+        self.assertLess(self.results("out")["winter"]["spl"], 1)
 
     def test_recordings_of_ones_own(self):
         self.write_recordings()

@@ -24,6 +24,8 @@ A first run needs none of them, or these
 What it runs on
   --dataset NAME       format of DIR (default: what "$COMMAND data check"
                        recognises); "$COMMAND data list" shows all
+  --rule RULE          street: agents turn and go on a map of streets, as the
+                       drawn city has one and DIR may; line: along the frames
   --align-by HOW       how to find the same places in other recordings: index,
                        matches, distance, gps, or sight, by what they show
                        (default: as the dataset suggests; sight, where it
@@ -258,7 +260,7 @@ needs() { [ $# -ge 2 ] && [[ $2 != --* ]] || fail "$1 needs a value"; }
 
 demo() {
   local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
-  local plugins='' aligning=() notes=() slip='' world=()
+  local plugins='' aligning=() notes=() slip='' world=() rule=()
   local -A called=()   # what env_services call the traversals
   local dashboard=yes port=0 wait=yes asked=("$@")
   while [ $# -gt 0 ]; do
@@ -277,6 +279,8 @@ demo() {
         needs "$@"
         world+=("$1" "$2"); shift 2 ;;
       --dropped-frames=*|--kidnappings=*|--blurred-frames=*|--uneven-speed=*|--recording-seed=*) world+=("$1"); shift ;;
+      --rule) needs "$@"; rule=(--rule "$2"); shift 2 ;;
+      --rule=*) rule=("$1"); shift ;;
       --align-by|--align-within)
         needs "$@"
         aligning+=("$1" "$2"); shift 2 ;;
@@ -314,7 +318,7 @@ demo() {
     ! "$encoder" --plugin "$file" --list >/dev/null 2>&1 || { plug_encoder+=(--plugin "$file"); used=yes; }
     [ $used = yes ] && ! "$policy" --plugin "$file" --list >/dev/null 2>&1 || pass+=(--plugin "$file")
   done <<<"$plugins"
-  source+=("${plug_env[@]}") encoding+=("${plug_encoder[@]}")
+  source+=("${plug_env[@]}" "${rule[@]}") encoding+=("${plug_encoder[@]}")
   # Parameters of datasets and encoders are for the services that list them, all else is for the policy_service.
   if [ ${#pass[@]} -gt 0 ]; then
     local of_datasets of_encoders line taken rest=()
@@ -351,7 +355,7 @@ demo() {
     local words=(--traversal "$1" "${part[@]}" "${same[@]}"); local shown=${looked[${words[*]}]:-}
     [ -n "$shown" ] || shown=$("$env" "${source[@]}" "${words[@]}" "${world[@]}" --show) || return 1
     looked[${words[*]}]=$shown pairs=$(sed -n 's/^matched by //p' <<<"$shown")
-    dataset=$(sed -n 's/^dataset //p' <<<"$shown")
+    dataset=$(sed -n 's/^dataset //p' <<<"$shown") streets=$(sed -n 's/^streets //p' <<<"$shown")
     kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
     called[$1]=$(sed -n 's/^traversal //p' <<<"$shown")
   }
@@ -384,7 +388,8 @@ demo() {
   names_of() {
     tr ',' '\n' <<<"$1" | while IFS= read -r name; do [ -z "$name" ] || printf '%s\n' "${called[$name]:-$name}"; done | paste -sd ,
   }
-  local kind length pairs; look_at "$route" || exit 1
+  local kind length pairs streets; look_at "$route" || exit 1
+  [ "$streets" != yes ] || [ -n "$frames" ] || { frames=0:$length count=$length; }   # they are walked as a whole
   local images=$kind whole=$length shortest=$length name
   [ ${#aligning[@]} -gt 0 ] || [ "$pairs" != index ] || match_by_sight "${evaluate:+$train,$evaluate}"
   [ -n "$frames" ] || [ ${#aligning[@]} -eq 0 ] || part=(--frames "0:$((length < count ? length : count))")

@@ -19,7 +19,7 @@
 #include "env_service/files/files.h"
 #include "env_service/geometry/plane.h"
 #include "env_service/images/image_sources.h"
-#include "env_service/streets/leveldb.h"
+#include "env_service/streets/street_graph.h"
 
 namespace citylearn {
 namespace {
@@ -158,12 +158,20 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   std::set<std::string> failed;
   std::vector<Traversal> traversals;
   long all = 0;
+  try {
+    if (const auto streets = dataset.streets()) {
+      inspection.notes = streets->description();
+      taken.insert({"nodes.txt", "links.txt", "graph/nodes.txt", "graph/links.txt"});
+    }
+  } catch (const Error&) {  // traversals cannot be loaded then, and say why
+  }
   for (const std::string& name : dataset.names()) try {
       taken.insert(name + ".poses.csv");
       traversals.push_back(dataset.load(name));
       taken.insert(traversals.back().places_from);
       all += traversals.back().frames;
       if (const Traversal& one = traversals.back();
+          !one.streets &&
           std::any_of(one.latitude.begin(), one.latitude.end(), [](double x) { return std::isfinite(x); }))
         inspection.routes.push_back({name, one.latitude, one.longitude});
       traversals.back().features = {};  // they were checked as they were read
@@ -201,7 +209,8 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
         least->name + " has " + std::to_string(least->frames) + " frames and " + most->name + " " +
         std::to_string(most->frames) +
         ": frames of equal index must show the same place, or be matched, as with --align-by sight");
-  if (dataset.correspondence() == Correspondence::kIndex && !dataset.distinctive())
+  if (dataset.correspondence() == Correspondence::kIndex && !dataset.distinctive() &&
+      std::none_of(traversals.begin(), traversals.end(), [](const Traversal& one) { return one.streets != nullptr; }))
     compare_by_sight(dataset, traversals, inspection);
   compare_by_place(inspection.routes, !dataset.distinctive(), inspection);
   return inspection;

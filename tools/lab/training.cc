@@ -18,6 +18,7 @@ NetworkTask network_task(const Experiences& route, int first, int frames) {
                   where, "choose fewer");
     if (task.reference.cols() == 0) {
       task.features = traversal->dimension;
+      task.streets = traversal->states();
       task.reference.resize(task.features, 0);
     }
     if (traversal->dimension != task.features)
@@ -89,6 +90,7 @@ std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& trave
   settings.first_frame() = static_cast<std::uint32_t>(trial.first_frame);
   settings.frames() = static_cast<std::uint32_t>(trial.frames);
   settings.max_steps() = static_cast<std::uint32_t>(trial.max_steps);
+  settings.max_detour() = static_cast<std::uint32_t>(trial.max_detour);
   settings.seed() = trial.seed;
   settings.shuffle() = trial.shuffle;
   std::vector<Environment::Episode> episodes(static_cast<std::size_t>(trial.tasks));

@@ -63,6 +63,7 @@ NetworkTask network_task(const Experiences& route, int first, int frames);
 struct Trial {
   int first_frame = 0, frames = 128, max_steps = 128, tasks = 2000;
   std::uint64_t seed = 4711;                ///< the same seed: the same tasks, on whichever traversal
+  int max_detour = 0;                       ///< as TaskSettings has it
   bool shuffle = false;                     ///< frames shown in a random order
   Imperfections imperfections = {};         ///< of the world, those that befall agents
   std::function<void()> interrupt = [] {};  ///< called before each step; what it throws ends the trial

@@ -54,7 +54,7 @@ OnnxValue moved_scores(AgentGraph& graph, const Motion<float>& motion, const Onn
   if (exact) return moved;
   moved = (1 - kidnap) * moved + kidnap / static_cast<float>(places);
   constexpr float kLeast = std::numeric_limits<float>::min();  // has a logarithm
-  const OnnxValue impossible = relu(-1 / kImpossible * moved + 1);
+  const OnnxValue impossible = relu(-1 / kNegligible * moved + 1);
   const OnnxValue scores = log(moved + kLeast) + (kNever - std::log(kLeast)) * impossible;
   return graph.stretched(-1 * graph.first() + 1, places) * scores;
 }

@@ -38,6 +38,7 @@ class Relabel : public Learner {
     if (rollouts[0]->max_steps < 1)
       throw Error("must be at least 1", "max_steps of a rollout", "its collector knows the step limit");
     replay_.add(rollouts);
+    use_map();
     list_sequences(rollouts, sequences_);
     Random shuffling{vtrace_.gradient_step().seed(), kShuffle, vtrace_.gradient_step().updates()};
     Random choosing{vtrace_.gradient_step().seed(), kRelabel, vtrace_.gradient_step().updates()};
@@ -90,6 +91,14 @@ class Relabel : public Learner {
     std::uint64_t seed = 0;  // of the goals
   };
 
+  /// Gives each thread the map of the present lesson.
+  void use_map() {
+    if (!maps_.empty() && (task_.streets || maps_.front().states->places() == replay_.frames())) return;
+    const auto map = task_.streets ? task_.streets : std::make_shared<const StateMap>(replay_.frames());
+    maps_.clear();
+    for (std::size_t shard = 0; shard < vtrace_.gradient_step().shards(); ++shard) maps_.push_back({map});
+  }
+
   void learn(std::span<Rollout* const> rollouts) {
     const double samples = static_cast<double>(chosen_.size()) * rollouts[0]->sequence;
     vtrace_.learn(samples, [&](std::size_t which, GradientStep::Shard& shard, TrajectoryBatch<float>& trajectories) {
@@ -100,7 +109,7 @@ class Relabel : public Learner {
       for (const Choice& choice : mine) {
         Random random{choice.seed};
         if (choice.relabelled)
-          relabel(replay_, choice.slot, visited_, *rollouts[0], random, b, shard, trajectories);
+          relabel(replay_, choice.slot, visited_, *rollouts[0], maps_[which], random, b, shard, trajectories);
         else
           gather_sequence(Track(rollouts, choice.sequence), b, shard, trajectories);
         ++b;
@@ -114,6 +123,7 @@ class Relabel : public Learner {
   const std::size_t minibatch_;
   const double relabelled_, visited_;
   Replay replay_;
+  std::vector<RelabelMap> maps_;  // of each shard
   std::vector<Sequence> sequences_;
   std::vector<Choice> chosen_;
   VtraceGradientStep vtrace_;

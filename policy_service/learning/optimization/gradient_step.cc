@@ -13,7 +13,7 @@ GradientStep::GradientStep(const std::string& name, const Parameters& parameters
       learning_rate_end_(parameters["learning-rate-end"]),
       entropy_until_(parameters["entropy-until"]),
       weights_{parameters["value-weight"], parameters["entropy"], parameters["localisation"],
-               parameters["orientation"]},
+               task.task.streets ? 0 : parameters["orientation"]},  // on streets numbers of places do not say the way
       shards_(static_cast<std::size_t>(parameters.integer("shards"))),
       gradients_(shards_.size()),
       workers_(task.workers) {

@@ -66,10 +66,12 @@ void Replay::check(const LearnerState& state, const std::string& owner, const Ne
   };
   const int last_place = static_cast<int>(frames) - 1;
   const int last_shown = static_cast<int>(frames) * task.experiences() - 1;
+  const int first_shown = task.streets ? -1 - static_cast<int>(frames) : -1;
   for (std::ptrdiff_t i = 0; i < steps.size(); i += kNumbers) {
     const bool acts = (i / kNumbers + 1) % static_cast<std::ptrdiff_t>(length) != 0;
-    if (!within(i, -1, last_shown) || !within(i + 1, 0, last_place) || !within(i + 2, 1, (1 << kActions) - 1) ||
-        !within(i + 3, 0, acts ? kActions - 1 : kNoAction) || !within(i + 4, 0, Rollout::kTruncated))
+    if (!within(i, first_shown, last_shown) || !within(i + 1, 0, last_place) ||
+        !within(i + 2, 1, (1 << kActions) - 1) || !within(i + 3, 0, acts ? kActions - 1 : kNoAction) ||
+        !within(i + 4, 0, Rollout::kTruncated))
       throw Error("its replay makes no sense at step " + std::to_string(i / kNumbers), owner);
   }
 }

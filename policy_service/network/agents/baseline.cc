@@ -10,7 +10,10 @@ template <class S>
 class Baseline : public LstmNetwork<S> {
  public:
   Baseline(const Parameters& parameters, const NetworkTask& task)
-      : LstmNetwork<S>(parameters, 2), frames_(task.frames), scale_(static_cast<S>(parameters["scale"])) {}
+      : LstmNetwork<S>(parameters, 2),
+        frames_(task.frames),
+        places_(task.places()),
+        scale_(static_cast<S>(parameters["scale"])) {}
 
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = LstmNetwork<S>::lstm_parameters();
@@ -23,12 +26,12 @@ class Baseline : public LstmNetwork<S> {
     for (std::ptrdiff_t column = 0; column < sensed.cols(); ++column) {
       const std::size_t index = static_cast<std::size_t>(column);
       sensed(0, column) = scale_ * (static_cast<S>(inputs.position[index]) / static_cast<S>(frames_) - S(0.5));
-      sensed(1, column) = scale_ * (static_cast<S>(inputs.goal[index]) / static_cast<S>(frames_) - S(0.5));
+      sensed(1, column) = scale_ * (static_cast<S>(inputs.goal[index]) / static_cast<S>(places_) - S(0.5));
     }
   }
 
  private:
-  int frames_;
+  int frames_, places_;
   S scale_;
 };
 

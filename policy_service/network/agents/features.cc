@@ -11,7 +11,7 @@ class Features : public LstmNetwork<S> {
  public:
   Features(const Parameters& parameters, const NetworkTask& task)
       : LstmNetwork<S>(parameters, task.features + 1),
-        frames_(task.frames),
+        places_(task.places()),
         scale_(static_cast<S>(parameters["scale"])),
         goal_scale_(static_cast<S>(parameters["goal-scale"])) {
     if (task.features < 1)
@@ -33,12 +33,12 @@ class Features : public LstmNetwork<S> {
       const auto index = static_cast<std::size_t>(column);
       sensed.col(column).head(sensed.rows() - 1) = scale_ * inputs.features_of(column);
       sensed(sensed.rows() - 1, column) =
-          goal_scale_ * (static_cast<S>(inputs.goal[index]) / static_cast<S>(frames_) - S(0.5));
+          goal_scale_ * (static_cast<S>(inputs.goal[index]) / static_cast<S>(places_) - S(0.5));
     }
   }
 
  private:
-  int frames_;
+  int places_;
   S scale_, goal_scale_;
 };
 

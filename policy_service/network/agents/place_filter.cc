@@ -6,8 +6,8 @@
 #include <limits>
 #include <optional>
 
-#include "core/task/moves.h"
 #include "policy_service/network/agents/sparse_pass.h"
+#include "policy_service/network/agents/street_filter.h"
 #include "policy_service/network/layers.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
@@ -218,37 +218,13 @@ class PlaceFilter : public AgentNetwork<S> {
 
   void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,
                           Vector<S>& gradient) const override {
-    if (!slip_) return;
-    const Motion<S> motion = motion_by(parameters);
-    const S p = motion.slip(), kidnap = motion.kidnap(), anywhere = 1 / static_cast<S>(inputs.frames);
-    const std::size_t agents = static_cast<std::size_t>(inputs.agents), columns = inputs.goal.size();
-    S by_slip = 0, by_kidnap = 0;  // of the sum of -log P(where an action led)
-    for (std::size_t column = agents; column < columns; ++column) {
-      if (inputs.first[column]) continue;
-      const int here = inputs.position[column - agents], goal = inputs.goal[column - agents];
-      const auto leads = [&](int times, int where) {
-        return place_after(here, inputs.previous_action[column], times, inputs.frames) == where ? S(1) : S(0);
-      };
-      // Of steps that can end the episode only those that did not are seen here, too many of them slips.
-      if (leads(1, goal) + leads(2, goal) > 0) continue;
-      const int there = inputs.position[column];
-      const S once = leads(1, there), slipped = (leads(0, there) + leads(2, there)) / 2;
-      const S walked = (1 - p) * once + p * slipped, likelihood = (1 - kidnap) * walked + kidnap * anywhere;
-      if (!(likelihood > 0)) continue;
-      by_slip += (1 - kidnap) * (once - slipped) / likelihood;
-      by_kidnap += (walked - anywhere) / likelihood;
-    }
-    const auto learn = [&](std::optional<std::size_t> tensor, S value, S by) {
-      if (!tensor) return;
-      layout_.view(gradient, *tensor)(0) +=
-          static_cast<S>(kStretch) * value * (1 - value) * by / static_cast<S>(columns);
+    const auto at = [&](std::optional<std::size_t> tensor) {
+      return tensor ? layout_.view(gradient, *tensor).data() : nullptr;
     };
-    learn(slip_, p, by_slip);
-    learn(kidnap_, kidnap, by_kidnap);
+    place_filter::add_model_gradient(StateMap(inputs.frames), motion_by(parameters), inputs, at(slip_), at(kidnap_));
   }
 
  private:
-  static constexpr double kFirstSlip = 0.01, kFirstKidnap = 1e-4;  // before anything is experienced
   struct Way {
     int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
     std::uint8_t action;
@@ -363,16 +339,21 @@ class PlaceFilter : public AgentNetwork<S> {
   std::size_t scalars_, weights1_, bias1_, weights2_, bias2_, weights3_, bias3_;
 };
 
-const NetworkRegistration<PlaceFilter> place_filter_registration{
+const NetworkRegistry<NetworkScalar>::Registration place_filter_registration({
     "place_filter",
     "a Bayes filter over the training route's places with a decision head",
     PlaceFilter<NetworkScalar>::parameters(),
+    [](const Parameters& parameters, const NetworkTask& task) {
+      return task.streets ? make_street_filter<NetworkScalar>(parameters, task)
+                          : std::make_unique<PlaceFilter<NetworkScalar>>(parameters, task);
+    },
     {{"agents", 8},
      {"segment", 64},
      {"sequence", 64},
      {"steps", 160000},
      {"noise-frame", 0},
      {"noise-place", 1},
+     {"streets.noise-place", 3},  // a view is told from more others, and at 1 nothing is left to learn
      {"noise-episode", 1},
      {"minibatch", 4},
      {"epochs", 3},
@@ -386,7 +367,8 @@ const NetworkRegistration<PlaceFilter> place_filter_registration{
      {"lambda", 0.8},
      {"value-clip", 0.2},
      {"entropy", 0.02},
-     {"entropy-until", 1}}};
+     {"entropy-until", 1}},
+});
 
 }  // namespace
 }  // namespace citylearn

@@ -9,8 +9,8 @@
 
 #include "core/plugin/registry.h"
 #include "core/task/action.h"
+#include "policy_service/network/agents/learned_motion.h"
 #include "policy_service/network/layers.h"
-#include "policy_service/network/motion.h"
 
 namespace citylearn {
 
@@ -35,22 +35,6 @@ struct Scalars {
     return {previous == kPrevious ? turning : S(1), previous == kNext ? turning : S(1)};
   }
 };
-
-/// Returns the probability that a learned tensor, filter.slip or filter.kidnap, holds.
-template <class S>
-S learned_probability(S stored) {
-  return 1 / (1 + std::exp(-static_cast<S>(kStretch) * stored));
-}
-
-inline bool learns_slip(const Parameters& parameters) { return parameters["slip"] < 0; }
-inline bool learns_kidnap(const Parameters& parameters) { return learns_slip(parameters) && parameters["kidnap"] < 0; }
-
-/// Returns the motion that the parameters tell of; what is learned is that of nobody who ever slips or is kidnapped.
-template <class S>
-Motion<S> told_motion(const Parameters& parameters) {
-  const double least = learns_slip(parameters) ? kLeastKidnap : 0;
-  return {std::max(parameters["slip"], 0.0), std::max(parameters["kidnap"], least)};
-}
 
 /// Inputs of the head: 2 S(before), 2 S(after), masses by distance before and after the goal, these.
 enum { kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };

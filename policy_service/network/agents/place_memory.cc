@@ -23,6 +23,8 @@ class PlaceMemory : public LstmNetwork<S> {
  public:
   PlaceMemory(const Parameters& parameters, const NetworkTask& task)
       : Base(parameters, kSensors), places_(task.frames), keys_(task.reference, task.features, task.frames) {
+    if (task.streets)
+      throw Error("knows the places of a line, not of streets", "network place_memory", "choose --agent place_filter");
     sharpness_ = this->layout_.add("attention.sharpness", 1, 1);
     way_.resize(2 * places_);
     for (int difference = -places_; difference < places_; ++difference)

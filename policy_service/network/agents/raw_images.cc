@@ -164,6 +164,7 @@ class RawImages : public LstmNetwork<S> {
         first_(first),
         second_(second_convolution(first)),
         frames_(task.frames),
+        places_(task.places()),
         scale_(static_cast<S>(parameters["scale"])),
         goal_scale_(static_cast<S>(parameters["goal-scale"])) {
     weights1_ = this->layout_.add("convolution.1.weight", first_.maps, first_.patch());
@@ -204,11 +205,11 @@ class RawImages : public LstmNetwork<S> {
 
   S goal(const NetworkInputs<S>& inputs, std::ptrdiff_t column) const {
     return goal_scale_ *
-           (static_cast<S>(inputs.goal[static_cast<std::size_t>(column)]) / static_cast<S>(frames_) - S(0.5));
+           (static_cast<S>(inputs.goal[static_cast<std::size_t>(column)]) / static_cast<S>(places_) - S(0.5));
   }
 
   Convolution first_, second_;
-  int frames_;
+  int frames_, places_;
   S scale_, goal_scale_;
   std::size_t weights1_, bias1_, weights2_, bias2_;
 };

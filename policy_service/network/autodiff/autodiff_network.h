@@ -20,7 +20,8 @@ struct ForwardPass {
   const NetworkInputs<S>& inputs;
   std::vector<Variable<S>> tensors;  ///< by the numbers that weights() and bias() returned
   Variable<S> state;                 ///< state_size x B, before the first step; constant
-  bool localise = false;             ///< whether ForwardResult::auxiliary is asked for
+  bool localise;                     ///< whether ForwardResult::auxiliary is asked for
+  Workspace<S>& workspace;           ///< as make_workspace() made it, for what a network keeps beside the tape
 
   /// Returns D x U, constant; gather_columns(_, inputs.seen) makes it D x TB.
   Variable<S> features() const;
@@ -70,12 +71,13 @@ class AutodiffNetwork : public AgentNetwork<S> {
   /// Computes the heads of all steps. Throws Error when sizes do not fit.
   virtual ForwardResult<S> run(const ForwardPass<S>& pass) const = 0;
 
- private:
   struct Work : Workspace<S> {
     Tape<S> tape;
     std::vector<Variable<S>> tensors;
     ForwardResult<S> result;
   };
+
+ private:
   struct Start {
     double gain, value;
   };

@@ -67,7 +67,7 @@ void AutodiffNetwork<S>::forward(const Vector<S>& parameters, const NetworkInput
     // Where no backward pass follows, nothing needs to be recorded for one.
     work.tensors.push_back(work.fixed == 0 ? work.tape.parameter(tensor) : work.tape.constant(tensor));
   }
-  work.result = run({work.tape, inputs, work.tensors, work.tape.constant(state), work.localise});
+  work.result = run({work.tape, inputs, work.tensors, work.tape.constant(state), work.localise, work});
 
   const auto take = [](const char* what, const Variable<S>& from, std::ptrdiff_t rows, std::ptrdiff_t cols,
                        Matrix<S>& to) {

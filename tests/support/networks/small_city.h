@@ -49,6 +49,7 @@ struct Cities : std::vector<const Traversal*> {
 inline NetworkTask task_of(const Cities& cities) {
   const Traversal& city = *cities.front();
   NetworkTask task{city.dimension, city.frames, {}};
+  if (city.streets) task.streets = std::make_shared<const StateMap>(*city.streets, city.rule, msg::MAX_FRAMES);
   task.reference.resize(city.dimension, city.frames * static_cast<std::ptrdiff_t>(cities.size()));
   std::ptrdiff_t first = 0;
   for (const Traversal* one : cities) {

@@ -37,6 +37,17 @@ inline NetworkTask small_task(int features, int experiences = 1) {
   return task;
 }
 
+/// A task on these streets.
+inline NetworkTask street_task(const std::shared_ptr<const StateMap>& streets) {
+  Random random{1};
+  NetworkTask task{5, streets->states(), {}};
+  task.streets = streets;
+  task.reference.resize(task.features, task.frames);
+  for (float& value : task.reference.reshaped()) value = static_cast<float>(random.normal());
+  task.reference.colwise().normalize();
+  return task;
+}
+
 /// Returns the features of a route whose neighbouring places look alike, a place a column.
 inline Matrix<float> route_features(int features, int places, Random& random) {
   Matrix<float> route(features, places);
@@ -63,14 +74,19 @@ inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bo
       const int position = static_cast<int>(random.below(frames));
       inputs.first[index] = first;
       inputs.position[index] = position;
-      inputs.goal[index] = static_cast<int>(random.below(frames));
+      inputs.goal[index] = static_cast<int>(random.below(task.streets ? task.places() : frames));
       inputs.previous_action[index] =
           first ? std::uint8_t{kNoAction} : static_cast<std::uint8_t>(random.below(kActions));
-      inputs.allowed[index] = position == 0 ? 0b011 : position == frames - 1 ? 0b101 : 0b111;
+      inputs.allowed[index] = task.streets             ? task.streets->allowed(position)
+                              : position == 0          ? 0b011
+                              : position == frames - 1 ? 0b101
+                                                       : 0b111;
       Vector<double> features = task.reference.col(position).cast<double>();
       const bool disguised = random.below(2);
       for (double& value : features) value += disguised ? 0.1 * random.normal() : 0;
-      inputs.see(t * kAgents + b, disguised || !shared ? -1 : position, features);
+      inputs.see(t * kAgents + b,
+                 disguised || !shared ? NetworkInputs<double>::augmented(task.streets ? position : -1) : position,
+                 features);
     }
   return inputs;
 }

@@ -54,6 +54,12 @@ TEST(Options, Alignment) {
   EXPECT_EQ(aligned.step_metres, 2);
 }
 
+TEST(Options, Rule) {
+  EXPECT_FALSE(parsed("").rule);
+  EXPECT_EQ(parsed("--rule street-fixed").rule, StateRule::kStreetFixed);
+  EXPECT_THROW(parsed("--rule road"), CLI::ParseError);
+}
+
 TEST(Options, OpenTheDataset) {
   const auto dataset = open_dataset(parsed("--dataset synthetic --synthetic-frames 40"));
   EXPECT_EQ(dataset->load(dataset->names().front()).frames, 40);

@@ -8,8 +8,10 @@
 
 #include "tests/support/data/fake_images.h"
 #include "tests/support/env/env.h"
+#include "tests/support/env/streets_traversal.h"
 #include "tests/support/options.h"
 #include "tests/support/processes/service.h"
+#include "tests/support/records/samples.h"
 
 namespace citylearn::testing {
 namespace {
@@ -96,6 +98,16 @@ TEST_F(PictureRequests, GoOnWithTheChunksThatAreMissing) {
   EXPECT_EQ(sent_by(2), (Frames{3, 3}));
   ask({2}, {7});
   EXPECT_EQ(sent_by(1), Frames{}) << "it has one chunk";
+}
+
+TEST(TraversalServerOfStreets, AnnouncesThemInAFewBytes) {
+  const Traversal traversal = streets_traversal(small_streets(), StateRule::kStreetFixed);
+  const Environment environment(traversal, 16);
+  Node node(options("env"));
+  const msg::TraversalInfo info = TraversalServer(node, environment).info();
+  EXPECT_EQ(info.rule(), msg::STREET_FIXED);
+  EXPECT_EQ(info.frames(), 16 * info.places());
+  EXPECT_LT(encoded(info).size(), 500u);
 }
 
 }  // namespace

@@ -129,8 +129,9 @@ function Player({ episode, positions, run, whole = false, focused = false }: Pla
   };
   const own = run?.traversals.find((one) => sameTraversal(one, episode));
   const [siblings, sibling] = siblingsOf(run?.traversals ?? [], episode);
-  const least = Math.min(...positions, episode.goal);
-  const most = Math.max(...positions, episode.goal);
+  const streets = own?.streets ?? false; // there the goal is no frame
+  const least = streets ? 0 : Math.min(...positions, episode.goal);
+  const most = streets ? 0 : Math.max(...positions, episode.goal);
   const first = Math.min(manifestNumber(run, 'first_frame') ?? least, least);
   const count = Math.max((manifestNumber(run, 'frames') ?? 0) + first - 1, most) - first + 1;
   const here = positions[step] ?? episode.start;
@@ -190,19 +191,21 @@ function Player({ episode, positions, run, whole = false, focused = false }: Pla
             label={`Route of ${episode.traversal}, step ${step} at frame ${here}`}
           />
           <RouteLegend />
-          <Chart
-            title="Path"
-            hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
-            name={`episode ${episode.rowid}`}
-            xLabel="steps"
-            yLabel="frame"
-            lines={lines}
-            references={[{ label: 'goal', value: episode.goal }]}
-            format={integer}
-            height={180}
-            mark={step}
-            onMark={go}
-          />
+          {!streets && (
+            <Chart
+              title="Path"
+              hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
+              name={`episode ${episode.rowid}`}
+              xLabel="steps"
+              yLabel="frame"
+              lines={lines}
+              references={[{ label: 'goal', value: episode.goal }]}
+              format={integer}
+              height={180}
+              mark={step}
+              onMark={go}
+            />
+          )}
         </div>
         <div class="stack">
           <Pictures on={own} name={episode.traversal} alt={`Frame of ${episode.traversal}`} frame={here} sibling={sibling} />

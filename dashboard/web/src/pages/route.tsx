@@ -143,11 +143,11 @@ function Scenery({ run, traversal, all, detail, whole }: {
             </p>
           )}
         </Card>
-        <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />
+        {!traversal.streets && <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />}
       </div>
       <div class="stack">
         <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} frame={here?.frame ?? null} />
-        <Agents scene={scene} agent={agent} name={traversal.traversal} />
+        <Agents scene={scene} agent={agent} name={traversal.traversal} streets={traversal.streets} />
       </div>
     </div>
   );
@@ -204,10 +204,11 @@ function Eyes({ source, traversal, all, agent, frame }: {
   );
 }
 
-function Agents({ scene, agent, name }: {
+function Agents({ scene, agent, name, streets }: {
   scene: Scene | null;
   agent: number;
   name: string;
+  streets: boolean;
 }): JSX.Element {
   const rows = (scene?.list ?? []).map((one, i) => ({ ...one, agent: i, left: Math.abs(one.goal - one.position) }));
   const columns: Column<(typeof rows)[number]>[] = [
@@ -223,7 +224,7 @@ function Agents({ scene, agent, name }: {
     { ...text('position', 'At'), number: true, show: (row) => (idle(row) ? 'idle' : row.position) },
     { ...text('start', 'Start'), number: true },
     { ...text('goal', 'Goal'), number: true },
-    { ...text('left', 'To go'), number: true },
+    ...(streets ? [] : [{ ...text('left', 'To go'), number: true }]),
     { ...text('steps', 'Steps'), number: true },
   ];
   return (

@@ -5,12 +5,14 @@ import type { Belief, TraversalMap } from '../api/types';
 import { integer, metres } from '../maths/format';
 import { fit, greatest, least, nearest, originOf, pathOf, project, scaleBar, ticks, toScreen, zoomAt, type Point, type View } from '../maths/geometry';
 import { detailOf, pointAt, pointsBetween, refined, valueAt } from '../maths/outline';
+import { planeOfStreets, type StreetPlane } from '../maths/streets';
 import { useJson, valueOf } from '../state/resource';
 import { seriesColour } from '../state/theme';
 import { IconButton, Swatch } from './basics';
+import { StreetCanvas } from './street_canvas';
 import { useSize } from './use';
 
-/** An agent on the route. Frames are indices on the traversal. */
+/** An agent on the route. Frames are indices on the traversal; on streets the goal is a place. */
 export interface Walker {
   label: string;
   position: number;
@@ -42,6 +44,8 @@ interface Scene extends RouteMapProps {
   frames: number;
   /** Where the map's frames were recorded, on a plane. Null: the frames are on a straight ruler with one unit per frame. */
   points: readonly (Point | null)[] | null;
+  /** On a line: null. */
+  plane: StreetPlane | null;
   view: View;
   width: number;
   height: number;
@@ -56,11 +60,15 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
   const detail = useRef(more); // the last one, until the next one is there
   detail.current = more ?? detail.current;
   const [room, { width }] = useSize<HTMLDivElement>();
-  const map = useMemo(() => coarse && refined(coarse, detail.current), [coarse, detail.current]);
+  const plane = useMemo(() => (coarse?.streets ? planeOfStreets(coarse.streets) : null), [coarse]);
+  const map = useMemo(
+    () => coarse && (plane ? { ...coarse, index: plane.states.map((_, state) => state) } : refined(coarse, detail.current)),
+    [coarse, plane, detail.current],
+  );
   const frames = Math.max(map?.frames ?? 0, first + count);
   const origin = useMemo(() => (coarse?.latitude && coarse.longitude ? originOf(coarse.latitude, coarse.longitude) : null), [coarse]);
   const planeOf = (one: TraversalMap | null): (Point | null)[] | null => (one?.latitude && one.longitude ? project(one.latitude, one.longitude, origin) : null);
-  const points = useMemo(() => planeOf(map), [map]);
+  const points = useMemo(() => plane?.states ?? planeOf(map), [plane, map]);
   const outline = useMemo(() => planeOf(coarse), [coarse]);
   const gps = points !== null;
   // A ruler needs one lane per agent.
@@ -68,19 +76,19 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
   const [view, setView] = useState<View | null>(null); // null: everything fits
   const from = whole ? 0 : first;
   const to = whole ? frames : first + count;
-  useEffect(() => setView(null), [hash, origin, from, to, width]);
+  useEffect(() => setView(null), [hash, origin, plane, from, to, width]);
   const fitted = useMemo(() => {
     // Frames are counted by services: nothing is made for each that they claim.
     const ends = [{ x: from, y: 0 }, { x: to - 1, y: 0 }];
     return map && points ? fit(pointsBetween(map.index, points, from, to - 1), width, height, 36) : fit(ends, width, height, 60);
-  }, [origin, from, to, width, height]);
+  }, [origin, plane, from, to, width, height]);
   const current = view ?? fitted;
   const wanted = useMemo(() => (coarse && outline ? detailOf(coarse, outline, current, width, height) : null), [outline, current, width, height]);
   useEffect(() => {
     if (wanted !== null) setPart(wanted);
   }, [wanted]);
   const drag = useRef<Point | null>(null);
-  const scene: Scene = { ...props, map, frames, points, view: current, width, height };
+  const scene: Scene = { ...props, map, frames, points, plane, view: current, width, height };
 
   const zoom = (factor: number, about: Point = { x: width / 2, y: height / 2 }): void => setView(zoomAt(current, about, factor));
   const pan = (x: number, y: number): void => setView({ ...current, x: current.x + x, y: current.y + (gps ? y : 0) });
@@ -100,8 +108,9 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
   };
   return (
     <div class="map-room" ref={room}>
+      {plane && <StreetCanvas plane={plane} view={current} width={width} height={height} />}
       <svg
-        class="map"
+        class={plane ? 'map over' : 'map'}
         role="img"
         tabIndex={0}
         aria-label={`${label}. ${gps ? 'Map, north up' : 'Straight ruler of frames'}; plus and minus zoom, arrows move, 0 shows all.`}
@@ -160,17 +169,18 @@ function screenAt(scene: Scene, frame: number, lane: number): Point | null {
   return point ? toScreen(scene.view, point) : null;
 }
 
-function Track({ map, points, first, count, path, selected, view, width, height }: Scene & { map: TraversalMap; points: readonly (Point | null)[] }): JSX.Element {
-  const whole = useMemo(() => pathOf(points), [points]);
+function Track({ map, points, plane, first, count, path, selected, view, width, height }: Scene & { map: TraversalMap; points: readonly (Point | null)[] }): JSX.Element {
+  const whole = useMemo(() => (plane ? '' : pathOf(points)), [plane, points]);
   const between = (from: number, to: number): string => pathOf(pointsBetween(map.index, points, from, to));
-  const route = useMemo(() => between(first, first + count - 1), [points, first, count]);
+  const route = useMemo(() => (plane ? '' : between(first, first + count - 1)), [plane, points, first, count]);
+  const walked = plane ? pathOf(path.map((state) => plane.states[state] ?? null)) : between(least(path), greatest(path));
   const bar = scaleBar(view, Math.min(160, width / 3));
   return (
     <>
       <g class="track" transform={`translate(${view.x} ${view.y}) scale(${view.scale})`}>
         <path d={whole} stroke="var(--map-rest)" stroke-width="3" />
         <path d={route} stroke="var(--map-route)" stroke-width="5" />
-        <path d={between(least(path), greatest(path))} stroke={`var(--${seriesColour(selected)})`} stroke-width="5" />
+        <path d={walked} stroke={`var(--${seriesColour(selected)})`} stroke-width="5" />
       </g>
       <g class="scale" transform={`translate(16 ${height - 16})`}>
         <path d={`M0 -5V0H${bar.pixels}V-5`} />
@@ -243,14 +253,18 @@ function WalkerSigns({ scene, walker, index }: { scene: Scene; walker: Walker; i
   // A map shows only the selected agent's start and goal: others would hide the route.
   if (mine || !scene.points) signs.unshift(['start', walker.start, 'start'], ['goal', walker.goal, 'goal']);
   const placed = signs.flatMap(([name, frame, word]) => {
-    const at = screenAt(scene, frame, index);
+    const place = name === 'goal' && scene.plane?.places[frame];
+    const at = place ? toScreen(scene.view, place) : screenAt(scene, frame, index);
     return at ? [{ name, at, word }] : [];
   });
+  const agent = placed.find(({ name }) => name === 'agent');
+  const heading = scene.plane?.heading[walker.position];
   return (
     <g class="walker" style={{ color: `var(--${seriesColour(index)})` }}>
       {placed.map(({ name, at }) => (
         <Sign key={name} name={name} at={at} size={mine ? 8 : 5} />
       ))}
+      {agent && heading !== undefined && <path d={mine ? 'M0 0V-20' : 'M0 0V-12'} transform={`translate(${agent.at.x} ${agent.at.y}) rotate(${heading})`} stroke="currentcolor" />}
       {mine &&
         scene.points &&
         placed.map(({ name, at, word }) => {

@@ -19,7 +19,7 @@ describe('an outline', () => {
     expect(pointsBetween(index, points, 7, 6)).toEqual([]);
   });
   it('takes a part in more detail', () => {
-    const map: TraversalMap = { hash: 'a', frames: 101, index, position: null, latitude: [0, 1, 2, 10], longitude: [5, 5, 5, 5] };
+    const map: TraversalMap = { hash: 'a', frames: 101, index, position: null, latitude: [0, 1, 2, 10], longitude: [5, 5, 5, 5], streets: null };
     const part: TraversalMap = { ...map, index: [8, 12, 16], latitude: [0.8, 1.5, 1.6], longitude: [5, 5, 5] };
     const both = refined(map, part);
     expect(both.index).toEqual([0, 8, 12, 16, 20, 100]);

@@ -53,7 +53,7 @@ TEST_F(ApiRunTest, AnswersFromTheStoreWhatNoEnvServiceHasAnyMore) {
   EXPECT_EQ(
       json({"map", hash}),
       Json::parse(
-          R"({"hash":"fedcba9876543210","frames":3,"index":[0,1,2],"position":[0,null,2.5],"latitude":null,"longitude":null})"));
+          R"({"hash":"fedcba9876543210","frames":3,"index":[0,1,2],"position":[0,null,2.5],"latitude":null,"longitude":null,"streets":null})"));
   const auto index = [&](const QueryParameters& part) { return json({"map", hash}, part)["index"].dump(); };
   EXPECT_EQ(index({{"first", "1"}}), "[1,2]");
   EXPECT_EQ(index({{"last", "1"}}), "[0,1]");

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "dashboard/store/database.h"
+#include "tests/support/streets.h"
 #include "tests/support/wait.h"
 #include "tests/unit/dashboard/api/api_fixture.h"
 
@@ -51,7 +52,7 @@ TEST_F(ApiRunTest, ARunsTraversals) {
   store_.describe(traversal_info("env-of-others", 8));
   store_.record(std::vector{episode(1), episode(1, "env-summer", 8)});
   const Json summer = Json::parse(R"({"environment":"env-summer","dataset":"synthetic","traversal":"summer",
-      "condition":"summer","hash":"fedcba9876543210","frames":160,"agents":16,"images":false})");
+      "condition":"summer","hash":"fedcba9876543210","frames":160,"agents":16,"images":false,"streets":false})");
   const Json running = json({"runs", id_})["traversals"];
   ASSERT_EQ(running.size(), 2u) << "also what it may be evaluated on";
   EXPECT_EQ(running[0], summer) << "as its episodes knew it";
@@ -243,6 +244,34 @@ TEST_F(ApiTest, NoNameIsAFormulaInCsv) {
     EXPECT_TRUE(contains(csv, ",summer,'" + name + ",3,"));
     EXPECT_EQ(json({"runs", "demo", "episodes"}, {{"policy", name}})["episodes"][0]["policy"], name) << "elsewhere not";
   }
+}
+
+TEST_F(ApiRunTest, AnEpisodeOnStreetsStepByStep) {
+  const StreetMap streets = small_streets();
+  msg::TraversalInfo hosted = traversal_info();
+  hosted.rule(msg::STREET);
+  hosted.frames(13);
+  hosted.streets_hash(streets.hash());
+  store_.describe(hosted);
+  msg::EpisodeStat walk = episode(1);
+  walk.start(0);
+  walk.steps(3);
+  walk.path({0b00'01'01});  // forward, forward, left
+  store_.record(std::vector{walk});
+  EXPECT_EQ(json({"episodes", "1"})["positions"], nullptr) << "nobody knows the streets";
+  EXPECT_EQ(json({"runs", id_})["traversals"][0]["streets"], true);
+  RouteMap map;
+  map.frames = 13;
+  map.streets = std::make_shared<const StreetMap>(streets);
+  map.rule = StateRule::kStreet;
+  ASSERT_TRUE(RouteStore(store_).keep(hosted.hash(), map));
+  EXPECT_EQ(json({"episodes", "1"})["positions"], Json::parse("[0,2,5,4]"));
+  const Json shown = json({"map", "fedcba9876543210"});
+  expect_row(shown, "map");
+  EXPECT_EQ(shown["frames"], 13);
+  EXPECT_EQ(shown["streets"]["east"][3], 30.0);
+  EXPECT_EQ(shown["streets"]["place"], Json(streets.from));
+  EXPECT_EQ(shown["streets"]["heading"][2], 90.0);
 }
 
 TEST_F(ApiTest, AnEpisodeStepByStep) {

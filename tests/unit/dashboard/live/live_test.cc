@@ -24,6 +24,7 @@
 #include "tests/support/files.h"
 #include "tests/support/options.h"
 #include "tests/support/records/records.h"
+#include "tests/support/streets.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -369,6 +370,28 @@ TEST_F(LiveRun, TheApiGetsPicturesAndMapsByHash) {
   EXPECT_EQ(map["position"][4], 10.0);
   EXPECT_NEAR(map["latitude"][10].get<double>(), -26.999, 1e-9);
   EXPECT_EQ(map["longitude"].size(), 40u);
+}
+
+TEST_F(LiveTest, MapsOfStreetsCome) {
+  Traversal city;
+  city.dataset = "test";
+  city.name = "city";
+  city.frames = 13;
+  city.dimension = 1;
+  city.features.assign(13, 0);
+  city.positions.assign(13, std::numeric_limits<float>::quiet_NaN());
+  city.streets = std::make_shared<const StreetMap>(small_streets());
+  city.rule = StateRule::kStreet;
+  EnvServiceOptions options;
+  options.node = node_options("", run, "");
+  const EnvServiceThread env(options, city);
+  const std::uint64_t hash = city.hash();
+  ASSERT_TRUE(until([&] { return live.map(hash).readiness == Readiness::kHere; }));
+  const RouteMap& map = *live.map(hash).map;
+  EXPECT_EQ(map.frames, 13u);
+  EXPECT_EQ(map.rule, StateRule::kStreet);
+  EXPECT_EQ(map.streets->to, city.streets->to);
+  EXPECT_EQ(live.traversals(run)[0]["streets"], true);
 }
 
 TEST(Outline, KeepsCornersAndDeadEndsOfALongRoute) {

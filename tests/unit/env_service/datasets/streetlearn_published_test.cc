@@ -95,6 +95,20 @@ class StreetLearnPublished : public ::testing::Test {
   Folder folder_;
 };
 
+TEST_F(StreetLearnPublished, APanoramaOfTheCityIsReadWhenItIsSeen) {
+  write_all(true);
+  write({{"c", "cut short"}});
+  const auto city = dataset();
+  city->walk_by(StateRule::kStreet);
+  const Traversal streets = city->load("streets");
+  // By place and heading: a-b, then of b: b2 at its spot (50, its yaw), c and a; b2-b, c-d, c-b, d-a, d-c.
+  ASSERT_EQ(streets.frames, 9);
+  EXPECT_EQ(streets.images->fault(5), "");
+  EXPECT_NEAR(picture_of(streets, 2).at<cv::Vec3b>(60, 42)[0], 48, 3) << "east";
+  Bytes bytes;
+  EXPECT_TRUE(holds(error_of([&] { streets.images->read(5, bytes); }), "/c: "));
+}
+
 TEST_F(StreetLearnPublished, WalksRoutesAndLeavesTheFolderAsItIs) {
   for (const bool compact : {false, true}) {  // from the log of the last writer, and from a table
     write_all(compact);

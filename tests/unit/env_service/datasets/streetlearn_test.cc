@@ -111,6 +111,28 @@ TEST_F(StreetLearn, FindsFarRoutesItself) {
   EXPECT_EQ(dataset({{"routes", 1}})->names().size(), 1u);
 }
 
+TEST_F(StreetLearn, ShowsTheWholeMapStateByState) {
+  make_file(folder_ / "routes.txt", "street,a,d\n");
+  const auto city = [&](StateRule rule) {
+    const auto map = dataset();
+    map->walk_by(rule);
+    EXPECT_EQ(map->names(), std::vector<std::string>{rule == StateRule::kLine ? "street" : "streets"});
+    return map->load(map->names()[0]);
+  };
+  // By place and heading: a-b, b-c, b-a, c-e, c-d, c-b, d-c, e-c; the middle columns look south.
+  const Traversal links = city(StateRule::kStreet);
+  ASSERT_EQ(links.frames, 8);
+  EXPECT_EQ(links.longitude[3], 0.002);
+  const std::vector<int> heading{90, 90, 270, 0, 90, 270, 270, 180};
+  for (int state = 0; state < 8; ++state)
+    EXPECT_EQ(sector(links, state), (heading[static_cast<std::size_t>(state)] / 45 + 4) % 8) << state;
+  EXPECT_NE(links.images->fingerprint(1), links.images->fingerprint(2));
+  const Traversal headings = city(StateRule::kStreetFixed);
+  ASSERT_EQ(headings.frames, 80);
+  for (int state = 16; state < 32; state += 2) EXPECT_EQ(sector(headings, state), ((state - 16) / 2 + 4) % 8) << state;
+  EXPECT_EQ(city(StateRule::kLine).streets, nullptr);
+}
+
 TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
   fs::remove(folder_ / "panos/b.png");
   make_file(folder_ / "panos/c.png", "broken");

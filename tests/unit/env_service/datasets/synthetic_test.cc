@@ -10,6 +10,7 @@
 #include "tests/paths.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/localisers.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -116,6 +117,32 @@ TEST(Synthetic, DistancesAreThoseOfRealFeatures) {
     mean += sum * sum;
   }
   EXPECT_NEAR(std::sqrt(mean), 0.782, 0.05) << "length of the mean vector";
+}
+
+TEST(Synthetic, StreetsAreAGridSeenAhead) {
+  for (const double images : {0, 1}) {
+    const auto city = make_dataset("synthetic", "", {{"images", images}}),
+               route = make_dataset("synthetic", "", {{"images", images}, {"frames", 896}});
+    city->walk_by(StateRule::kStreet);
+    const Traversal streets = city->load("fall"), line = route->load("fall");
+    const auto map = streets.states();
+    ASSERT_EQ(map->states(), 896);
+    EXPECT_EQ(map->places(), 64 + 112 * 3) << "crossings, and blocks with places between";
+    // The drive begins along the first street to the north: 28 links, and then to the south.
+    for (int state = 0, frame = 0; frame < 28; ++frame, state = map->next(state, kForward)) {
+      EXPECT_EQ(map->heading(state), 0);
+      // Turns come round after two links, and on the edge of the city after three at a crossing.
+      EXPECT_EQ(map->after(state, kRight, frame > 0 && frame % 4 == 0 ? 3 : 2), state) << frame;
+      if (images > 0)
+        EXPECT_EQ(streets.images->fingerprint(state), line.images->fingerprint(frame));
+      else
+        EXPECT_EQ(streets.feature(state)[7], line.feature(frame)[7]);
+    }
+    const std::vector<std::uint16_t> steps = map->steps_to({0});
+    EXPECT_EQ(std::count(steps.begin(), steps.end(), StateMap::kNoWay), 0);
+    city->walk_by(StateRule::kStreetFixed);
+    EXPECT_TRUE(holds(error_of([&] { city->load("fall"); }), "--rule: the drawn city is seen along its links"));
+  }
 }
 
 TEST(Synthetic, HarderAndHarderToRecognise) {

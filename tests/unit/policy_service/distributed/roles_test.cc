@@ -61,7 +61,7 @@ class Segments {
     pack(rollout(), agent, made);
     return made;
   }
-  TrajectoryShape shape() const { return {kSegmentSteps, 12, network_->state_size(), 16}; }
+  TrajectoryShape shape() const { return {kSegmentSteps, 12, network_->state_size(), 16, task_.map()}; }
 
  private:
   std::unique_ptr<AgentNetwork<float>> make() const {

@@ -178,6 +178,8 @@ Rollout walk_along(const std::vector<int>& moves, const std::vector<std::size_t>
   return rollout;
 }
 
+RelabelMap line(int places) { return {std::make_shared<const StateMap>(places)}; }
+
 TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
   // Ends really after step 4; never comes back to where it was before.
   Rollout rollout = walk_along({1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1}, {4});
@@ -185,6 +187,7 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
   Rollout* const rollouts[] = {&rollout};
   Replay replay(100);
   replay.add(rollouts);
+  RelabelMap map = line(20);
   GradientStep::Shard shard;
   TrajectoryBatch<float> trajectories;
   int terminated = 0, broken_off = 0, out_of_steps = 0;
@@ -194,7 +197,7 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
     shard.state.setOnes(2, 1);
     trajectories.resize(13);
     Random random{seed};
-    relabel(replay, 0, 0.5, rollout, random, 0, shard, trajectories);
+    relabel(replay, 0, 0.5, rollout, map, random, 0, shard, trajectories);
     EXPECT_TRUE(shard.state.isZero());
     EXPECT_TRUE(shard.inputs.first[0]);
     EXPECT_EQ(trajectories.action[12], kNoAction);
@@ -247,6 +250,7 @@ TEST(Relabel, NobodyIsCarriedToAGoal) {
   Rollout* const rollouts[] = {&rollout};
   Replay replay(100);
   replay.add(rollouts);
+  RelabelMap map = line(20);
   GradientStep::Shard shard;
   TrajectoryBatch<float> trajectories;
   int reached_before = 0, carried_there = 0, carried_on = 0;
@@ -255,7 +259,7 @@ TEST(Relabel, NobodyIsCarriedToAGoal) {
     shard.state.setOnes(2, 1);
     trajectories.resize(7);
     Random random{seed};
-    relabel(replay, 0, 0.5, rollout, random, 0, shard, trajectories);
+    relabel(replay, 0, 0.5, rollout, map, random, 0, shard, trajectories);
     // The third step leads from place 7 to 8, from which the agent is carried to 14.
     if (shard.inputs.position[2] != 7 || shard.inputs.first[2]) continue;
     const int goal = shard.inputs.goal[2];
@@ -286,11 +290,12 @@ TEST(Relabel, GoalsAreVisitedOrAnyOther) {
   Rollout* const rollouts[] = {&rollout};
   Replay replay(100);
   replay.add(rollouts);
+  RelabelMap map = line(20);
   std::vector<int> visited(20), any(20);
   for (std::uint64_t seed = 0; seed < 2000; ++seed) {
     Random one{seed}, other{seed};
-    ++visited[static_cast<std::size_t>(choose_goal(replay, 0, 1, 1, one))];
-    ++any[static_cast<std::size_t>(choose_goal(replay, 0, 1, 0, other))];
+    ++visited[static_cast<std::size_t>(choose_goal(replay, 0, 1, 1, map, one))];
+    ++any[static_cast<std::size_t>(choose_goal(replay, 0, 1, 0, map, other))];
   }
   for (std::size_t place = 0; place < 20; ++place) {
     // From place 6 the stretch comes by 7 (twice), 8 and 9.

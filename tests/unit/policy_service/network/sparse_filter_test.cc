@@ -8,8 +8,10 @@
 
 #include "core/task/moves.h"
 #include "policy_service/network/agent_network.h"
+#include "policy_service/network/street_votes.h"
 #include "policy_service/rollout/control.h"
 #include "tests/support/env/env.h"
+#include "tests/support/env/streets_traversal.h"
 #include "tests/support/networks/small_networks.h"
 
 namespace citylearn::testing {
@@ -225,6 +227,45 @@ TEST(SparseFilter, HasAStateOfOneSizeAndBearsAnyNumbersInIt) {
     EXPECT_TRUE(work->heads.logits.allFinite() && work->state.allFinite());
     EXPECT_NEAR(network->belief(work->state.col(0)).array().exp().sum(), 1, 1e-3);
   }
+}
+
+TEST(StreetVotes, KnowWhereTheShortestWayBegins) {
+  const auto map = small_states();
+  DistanceFields fields(*map);
+  std::vector<std::uint8_t> ways;
+  for (int state = 0; state < map->states(); ++state) ways.push_back(way_to(fields.to(0), *map, state));
+  EXPECT_EQ(ways, (std::vector<std::uint8_t>{kNoAction, kNoAction, kLeft, kForward, kLeft, kRight, kForward, kForward,
+                                             kForward, kForward, kLeft, kLeft, kForward}));
+}
+
+TEST(SparseFilter, OnStreetsMovesByTheMapAndExcludesByWhatIsAllowed) {
+  const Traversal traversal = streets_traversal();
+  const PlaceKeys<float> keys(Eigen::Map<const Matrix<float>>(traversal.features.data(), 16, 13), 16, 13, true);
+  SparseFilter<float> filter(keys, Motion<float>(0.2, 0), small_states());
+  const Matrix<float> features = Matrix<float>::Zero(16, 1);
+  SparseStep<float> step;
+  // What is seen is no evidence. Only states 7 and 8 allow no turn, and 8 is at the goal.
+  step.goal = 4;
+  step.allowed = 1u << kForward;
+  step.first = step.repeated = true;
+  filter.advance(features, 13, 16, 0, {&step, 1});
+  ASSERT_EQ(step.after.places, std::vector<int>{7});
+  EXPECT_FLOAT_EQ(step.after.shares[0], 1);
+  const SparseBelief<float> before = step.after;
+  step = {};
+  step.before = &before;
+  step.goal = 4;
+  step.action = kForward;
+  step.allowed = 0b111;
+  step.repeated = true;
+  filter.advance(features, 13, 16, 0, {&step, 1});
+  // .8 in state 12, .1 in 9, twice as far; .1 stayed in 7, where a turn is not allowed.
+  ASSERT_EQ(step.after.places, (std::vector<int>{12, 9}));
+  EXPECT_NEAR(step.after.shares[0], 8 / 9., 1e-6);
+  EXPECT_NEAR(step.after.shares[1], 1 / 9., 1e-6);
+  // The way to place 2 is straight on from both: 12, 9, 0, 2, 5.
+  const auto share = votes(step, DistanceFields(*small_states()).to(2), *small_states());
+  EXPECT_NEAR(share[kForward], 1, 1e-6);
 }
 
 TEST(SequenceFilter, WalksTheSameWaysWithASparseBelief) {

@@ -117,7 +117,7 @@ TEST(Configuration, OfARunThatEndedIsInItsManifest) {
   std::string text;
   for (const OptionValue& one : recorded_configuration(folder.path()))
     text += one.name + " " + one.value + ", " + one.origin + "\n";
-  EXPECT_EQ(text, "--frames 4:24, default\n--max-steps 0, default\n--seed 5, file a.toml\n");
+  EXPECT_EQ(text, "--frames 4:24, default\n--max-detour 0, default\n--max-steps 0, default\n--seed 5, file a.toml\n");
   EXPECT_TRUE(contains(error_of([&] { recorded_configuration(folder / "none"); }), "/none: has no manifest.json"));
   make_file(folder / "manifest.json", "{}");
   EXPECT_TRUE(contains(error_of([&] { recorded_configuration(folder.path()); }), "does not say what options"));

@@ -49,6 +49,21 @@ TEST(Inspection, RecognisesFolders) {
   }
 }
 
+TEST(Inspection, DescribesAMapOfStreets) {
+  const Folder folder;
+  make_file(folder / "nodes.txt", "a,0,0,0\nb,0,0,0.001\n");
+  make_file(folder / "links.txt", "a,90,b\nb,270,a\n");
+  for (const std::string name : {"day.csv", "night.csv"}) make_file(folder / name, "1.5,2\n3,5\n");
+  const auto inspected = [&] { return inspect(*make_dataset("plain", folder.path()), folder.path(), kOn); };
+  const Inspection found = inspected();
+  EXPECT_EQ(found.notes,
+            std::vector<std::string>{"streets: places 2, links 2, junctions 0, dead ends 2, one-way links 0"});
+  EXPECT_TRUE(found.faults.empty() && found.not_taken.empty() && found.left_out.empty());
+  make_file(folder / "links.txt", "a,90,b\nb,270,c\n");
+  ASSERT_EQ(inspected().faults.size(), 2u);
+  EXPECT_TRUE(holds(inspected().faults[0].what, "links.txt:2: id c is not in nodes.txt"));
+}
+
 TEST(Inspection, ListsWhatIsNotTaken) {
   const Folder folder;
   write_drives(folder);

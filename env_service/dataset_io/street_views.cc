@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/dataset_io/street_views.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <limits>
+#include <utility>
+
+#include "core/util/error.h"
+#include "core/wire/messages.h"
+#include "env_service/files/files.h"
+#include "env_service/images/image_sources.h"
+
+namespace citylearn {
+
+void set_streets(Traversal& traversal, const StreetGraph& graph, std::shared_ptr<const StreetMap> map, StateRule rule,
+                 const StateMap& states) {
+  traversal.streets = std::move(map);
+  traversal.rule = rule;
+  traversal.positions.assign(static_cast<std::size_t>(states.states()), std::numeric_limits<float>::quiet_NaN());
+  traversal.latitude.clear();
+  traversal.longitude.clear();
+  for (int state = 0; state < states.states(); ++state) {
+    const StreetPlace& place = graph.places()[static_cast<std::size_t>(states.place(state))];
+    traversal.latitude.push_back(place.latitude);
+    traversal.longitude.push_back(place.longitude);
+  }
+}
+
+void show_states(Traversal& traversal, const StreetGraph& graph, std::optional<StateRule> rule,
+                 const std::string& where) {
+  std::vector<std::uint32_t> rows;
+  const auto map = std::make_shared<const StreetMap>(graph.map(rows));
+  const auto frames = static_cast<std::size_t>(traversal.frames), fixed = map->places() * StateMap::kHeadings;
+  const bool by_link = frames == map->links() && rule.value_or(StateRule::kStreet) == StateRule::kStreet;
+  const bool by_heading = frames == fixed && rule != StateRule::kStreet, by_place = frames == map->places();
+  if (!by_link && !by_heading && !by_place) {
+    const std::string what =
+        fmt::format("has {} frames, where the map has {} links, and {} places with 16 headings each, {} in all", frames,
+                    map->links(), map->places(), fixed);
+    if (rule) throw Error(what, where, "give a frame for each of these that the rule has, or --rule line");
+    spdlog::warn("{}: {}: it is walked as a line", where, what);
+    return;
+  }
+  const StateRule by = rule.value_or(by_heading ? StateRule::kStreetFixed : StateRule::kStreet);
+  const StateMap states(*map, by, msg::MAX_FRAMES);
+  if (const std::string name = traversal.images ? traversal.images->name(0) : "";
+      graph.find(stem_of(name.substr(name.rfind('/') + 1))) >= 0)
+    throw Error("its pictures have the names of places", where, "put panoramas into panos/, for dataset streetlearn");
+  spdlog::info("{}: a frame for each {} of a map of streets with {} places and {} links", where,
+               by_link      ? "link"
+               : by_heading ? "heading"
+                            : "place, the same at each heading,",
+               map->places(), map->links());
+  std::vector<int> shown;
+  for (int state = 0; state < states.states(); ++state)
+    shown.push_back(by_link      ? static_cast<int>(rows[static_cast<std::size_t>(state)])
+                    : by_heading ? state
+                                 : states.place(state));
+  if (traversal.images) traversal.images = picked(traversal.images, shown);
+  traversal.keep(shown);
+  set_streets(traversal, graph, map, by, states);
+  traversal.times.clear();
+}
+
+}  // namespace citylearn
