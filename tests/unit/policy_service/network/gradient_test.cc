@@ -9,6 +9,7 @@
 #include "core/wire/messages.h"
 #include "policy_service/learning/optimization/ppo_loss.h"
 #include "policy_service/network/agent_network.h"
+#include "policy_service/network/layers.h"
 #include "policy_service/rollout/rollout.h"
 #include "tests/support/networks/small_networks.h"
 #include "tests/support/streets.h"
@@ -25,7 +26,7 @@ PpoSamples<double> some_samples(const NetworkInputs<double>& inputs, const Heads
   for (std::size_t i = 0; i < inputs.goal.size(); ++i) {
     const auto logits = heads.logits.col(static_cast<std::ptrdiff_t>(i));
     do samples.action[i] = static_cast<std::uint8_t>(random.below(kActions));
-    while (!(inputs.allowed[i] >> samples.action[i] & 1));
+    while (logits(samples.action[i]) < 0.5 * kMasked);
     const double log_p = logits(samples.action[i]) - std::log(logits.array().exp().sum());
     samples.log_probability[i] = log_p + 0.3 * random.normal();  // some ratios are clipped
     samples.advantage[i] = random.normal();
