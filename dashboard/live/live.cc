@@ -51,10 +51,7 @@ void Live::on_message(const msg::TraversalInfo& info) {
   const std::lock_guard lock(mutex_);
   HostedTraversal& hosted = hosted_[environment];
   if (hosted.process.hear(info.header().incarnation(), options_.clock()) == Incumbent::Heard::kOther) return;
-  hosted = {
-      hosted.process,
-      {environment.second, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(), info.hash(),
-       info.frames(), info.agents(), info.images(), static_cast<StateRule>(info.rule()), info.streets_hash()}};
+  hosted.row = row_of(info);
   if (hosted_.size() <= kMaxHosted) return;
   const auto dead = std::find_if(hosted_.begin(), hosted_.end(), [this](const auto& entry) {
     return !services_.is_alive(entry.first.first, entry.first.second);

@@ -11,6 +11,19 @@
 
 namespace citylearn {
 
+TraversalRow row_of(const msg::TraversalInfo& info) {
+  return {info.header().sender().c_str(),
+          info.dataset().c_str(),
+          info.traversal().c_str(),
+          info.condition().c_str(),
+          info.hash(),
+          info.frames(),
+          info.agents(),
+          info.images(),
+          static_cast<StateRule>(info.rule()),
+          info.streets_hash()};
+}
+
 std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
   const auto found = maps_.find(hash);
   if (found == maps_.end()) return nullptr;

@@ -12,6 +12,9 @@
 
 namespace citylearn {
 
+/// Returns what an env_service announces.
+TraversalRow row_of(const msg::TraversalInfo& info);
+
 /// Fetches maps of traversals from env_services on request, and caches them. Used by one thread at a time.
 class Maps {
  public:

@@ -28,7 +28,10 @@ Ros2Bridge::Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options)
       translation_(sink, options.translation,
                    {[this](const std::string& environment, std::uint64_t hash) {
                       auto map = maps_.find(hash);
-                      if (!map) maps_.fetch(hash, node_.options().session, environment);
+                      TraversalRow& hosted = hosted_[environment];
+                      hosted.environment = environment;  // its TraversalInfo may not have come
+                      hosted.hash = hash;
+                      if (!map) maps_.fetch(hosted, node_.options().session);
                       return map;
                     },
                     [this](const std::string& environment, const PictureKey& key, bool& coming) {
@@ -44,7 +47,7 @@ Ros2Bridge::Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options)
 std::shared_ptr<const PictureFile> Ros2Bridge::picture(const std::string& environment, const PictureKey& key,
                                                        bool& coming) {
   if (auto found = pictures_.find(key)) return found;
-  if (!images_[environment]) return nullptr;
+  if (!hosted_[environment].images) return nullptr;
   pictures_.fetch(key, {node_.options().session, environment});
   coming = pictures_.fetching(key);
   return nullptr;
@@ -79,7 +82,7 @@ void Ros2Bridge::translate(Message& message) {
 void Ros2Bridge::poll() {
   const Clock::time_point now = Clock::now();
   while (node_.take(status_)) on_message(status_, now);
-  while (node_.take(info_)) images_[info_.header().sender().c_str()] = info_.images();
+  while (node_.take(info_)) hosted_[info_.header().sender().c_str()] = row_of(info_);
   leave_silent(now);
   options_.actions ? translate(observation_) : translate(scene_);
   if (options_.actions) translate(action_);

@@ -43,8 +43,8 @@ class Ros2Bridge {
   Maps maps_;
   Pictures pictures_;
   Ros2Translation translation_;
-  std::map<std::string, Presence> hosts_;  // env_services, by id
-  std::map<std::string, bool> images_;     // whether what each hosts has pictures
+  std::map<std::string, Presence> hosts_;       // env_services, by id
+  std::map<std::string, TraversalRow> hosted_;  // by id of the env_service
   msg::ServiceStatus status_;
   msg::TraversalInfo info_;
   msg::Scene scene_;
