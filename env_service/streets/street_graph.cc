@@ -8,7 +8,6 @@
 #include <boost/graph/compressed_sparse_row_graph.hpp>
 #include <boost/graph/strong_components.hpp>
 #include <cmath>
-#include <cstring>
 #include <fstream>
 #include <functional>
 #include <limits>
@@ -81,15 +80,16 @@ void each_row(const std::string& path, std::size_t columns, const char* otherwis
     if (!good) throw Error(fault, path + ":" + std::to_string(row.line));
   };
   while (++row.line, file.getline(text.data(), text.size()))
-    each_line({text.data(), std::strlen(text.data())}, [&](std::string_view line, int) {
-      if (line.empty() || line.front() == '#') return;
-      row.fields.clear();
-      for (std::size_t begin = 0, end = 0; end != line.npos; begin = end + 1)
-        row.fields.push_back(trimmed(line.substr(begin, (end = line.find(',', begin)) - begin)));
-      require(row.fields.size() == columns, otherwise);
-      const std::string fault = use(row);
-      require(fault.empty(), fault);
-    });
+    each_line({text.data(), static_cast<std::size_t>(file.gcount()) - (file.eof() ? 0 : 1)},
+              [&](std::string_view line, int) {
+                if (line.empty() || line.front() == '#') return;
+                row.fields.clear();
+                for (std::size_t begin = 0, end = 0; end != line.npos; begin = end + 1)
+                  row.fields.push_back(trimmed(line.substr(begin, (end = line.find(',', begin)) - begin)));
+                require(row.fields.size() == columns, otherwise);
+                const std::string fault = use(row);
+                require(fault.empty(), fault);
+              });
   require(file.eof(),
           file.gcount() > 0 ? "a line of more than " + std::to_string(kMaxLine - 1) + " characters" : "cannot be read");
 }

@@ -111,6 +111,7 @@ TEST_F(Streets, WrongMapsEndInOneLine) {
   make_file(folder_ / "nodes.txt", "a,180,0,0\nb,180,0,0.001\n");
   const auto of_links = [&](const std::string& text) { return told("links.txt", text); };
   EXPECT_TRUE(holds(of_links("a,90,b\nb,270,q\n"), "links.txt:2: id q is not in nodes.txt"));
+  EXPECT_TRUE(holds(of_links(std::string("a,90,b\nb,270,a\0x\n", 17)), "links.txt:2: id a?x is not in nodes.txt"));
   EXPECT_TRUE(holds(of_links("a,90,b\nb,inf,a\n"), "links.txt:2: 'inf' is not a heading in degrees"));
   EXPECT_TRUE(holds(of_links("a,90,b\nb,270,a,1\n"), "links.txt:2: not an id, a bearing and an id"));
   EXPECT_TRUE(holds(of_links("a,90,b\n" + std::string(2000, 'x')), "links.txt:2: a line of more than 1023 characters"));
