@@ -31,7 +31,7 @@ constexpr std::size_t kMaxServices = 4096;
 std::vector<std::string> watched_topics() {
   return {topic_of<msg::ServiceStatus>().name, topic_of<msg::TraversalInfo>().name, topic_of<msg::RunInfo>().name,
           topic_of<msg::TrainingStat>().name,  topic_of<msg::EpisodeStat>().name,   topic_of<msg::Scene>().name,
-          topic_of<msg::RouteMapChunk>().name, topic_of<msg::ImageChunk>().name};
+          topic_of<msg::RouteMapChunk>().name, topic_of<msg::StreetsChunk>().name,  topic_of<msg::ImageChunk>().name};
 }
 
 double replay_speed(const std::string& text) {
@@ -76,6 +76,7 @@ void Replayer::open_inboxes(const std::string& session, const std::string& servi
   open(topic_of<msg::EpisodeAcknowledgement>(), [this] { on_acknowledgement(topic_of<msg::EpisodeStat>()); });
   open(topic_of<msg::TrainingAcknowledgement>(), [this] { on_acknowledgement(topic_of<msg::TrainingStat>()); });
   open(topic_of<msg::RouteMapRequest>(), [this] { on_request(maps_); });
+  open(topic_of<msg::StreetsRequest>(), [this] { on_request(streets_); });
   open(topic_of<msg::ImageRequest>(), [this] { on_request(pictures_); });
 }
 
@@ -290,7 +291,8 @@ bool Replayer::poll() {
       return true;
     }
     if (!begun_) begun_ = now;
-    if (!maps_.keep(*next_->topic, bytes_) && !pictures_.keep(*next_->topic, bytes_)) {
+    if (!maps_.keep(*next_->topic, bytes_) && !streets_.keep(*next_->topic, bytes_) &&
+        !pictures_.keep(*next_->topic, bytes_)) {
       ReplayedWriter& to = writer(next_->to.at(next_->published), next_->sender);
       if (must_wait(to, now)) {
         if (!held_since_) held_since_ = now;

@@ -105,7 +105,8 @@ class Replayer {
   std::map<std::tuple<std::string, Key, std::uint64_t>, ReplayedLog> logs_;  // by topic, sender and stream
   std::optional<Clock::time_point> first_record_, over_;
   bool acknowledged_ = false;  // a recorder has acknowledged
-  ChunkStore maps_{topic_of<msg::RouteMapChunk>()}, pictures_{topic_of<msg::ImageChunk>()};
+  ChunkStore maps_{topic_of<msg::RouteMapChunk>()}, streets_{topic_of<msg::StreetsChunk>()},
+      pictures_{topic_of<msg::ImageChunk>()};
   Clock::time_point due_, quiet_since_, next_state_;
   ReplayFigures figures_;
   Bytes taken_;
