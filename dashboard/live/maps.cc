@@ -55,14 +55,12 @@ void Maps::poll(Clock::time_point now) {
       at = fetches_.erase(at);
       continue;
     }
-    const auto ask = [&](auto& request) {
-      request.server() = fetch.traversal.environment.c_str();
-      if (fetch.object.ask(now, request)) node_.publish(request, fetch.session);
+    const auto is_due = [&](auto& message) {
+      message.server() = fetch.traversal.environment.c_str();
+      return fetch.object.ask(now, message);
     };
-    if (fetch.streets())
-      ask(streets_request_);
-    else
-      ask(request_);
+    if (fetch.streets() && is_due(streets_request_)) node_.publish(streets_request_, fetch.session);
+    if (!fetch.streets() && is_due(request_)) node_.publish(request_, fetch.session);
     ++at;
   }
 }
