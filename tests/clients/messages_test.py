@@ -49,7 +49,7 @@ class Bytes(unittest.TestCase):
         self.assertEqual(len(names), 18)
 
     def test_the_other_order_of_bytes(self):
-        data = bytes.fromhex("00000000 0000000e 00000002 61000000 00000002 6200000000000000 0000000000000001 0000000000000002")
+        data = bytes.fromhex("00000000 0000000f 00000002 61000000 00000002 6200000000000000 0000000000000001 0000000000000002")
         self.assertEqual(Header.deserialize(data), Header(session="a", sender="b", incarnation=1, message=2))
         data = bytes.fromhex("00000000 00000002 00000001 00000102 00000000 00000000 00000000")
         self.assertEqual(messages.Belief.deserialize(data).likely.tolist(), [1, 0x102])

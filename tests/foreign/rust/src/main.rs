@@ -12,7 +12,7 @@ use std::io::Write;
 use std::sync::mpsc::{channel, RecvTimeoutError};
 use std::time::{Duration, Instant, SystemTime};
 
-const PROTOCOL: u32 = 14;
+const PROTOCOL: u32 = 15;
 const FLAG_FIRST: u8 = 1;
 const IDLE: u32 = 0; // Mode
 const TRAIN: u32 = 1;

@@ -14,13 +14,13 @@ message!(Header { protocol: u32, session: String, sender: String, incarnation: u
 message!(SettingsId { incarnation: u64, version: u32 });
 message!(TraversalInfo {
     header: Header, settings: SettingsId, dataset: String, traversal: String, condition: String, hash: u64,
-    frames: u32, feature_dimension: u32, agents: u32, by_reference: bool, images: bool,
-    encoder: String, encoder_service: String, encoder_incarnation: u64,
+    frames: u32, feature_dimension: u32, agents: u32, by_reference: bool, rule: u32, places: u32, links: u32,
+    streets_hash: u64, images: bool, encoder: String, encoder_service: String, encoder_incarnation: u64,
 });
 message!(TaskSettings {
     header: Header, environment: String, settings: SettingsId, task_mode: u32, lesson: u32, first_frame: u32,
-    frames: u32, max_steps: u32, seed: u64, tasks: u32, first_task: u32, shuffle: bool, policy: String,
-    update: u64, run_id: u64, by_reference: bool,
+    frames: u32, max_steps: u32, max_detour: u32, goal_radius: f32, seed: u64, tasks: u32, first_task: u32,
+    shuffle: bool, policy: String, update: u64, run_id: u64, by_reference: bool,
 });
 message!(Observation {
     header: Header, settings: SettingsId, step: u64, traversal: String, traversal_hash: u64, by_reference: bool,
