@@ -247,7 +247,7 @@ after_demo() {
     *) next "dashboard --store $(printf %q "$store")" "shows this run again" ;;
   esac
   next "again $run --agent $other" "trains another agent on the same recordings"
-  [ ! -e "$output/checkpoints/best.clk" ] ||
+  [ "${streets:-}" = yes ] || [ ! -e "$output/checkpoints/best.clk" ] ||   # their agents are not exported
     next "export --checkpoint $run/checkpoints/best.clk --output agent.onnx" "writes the agent as an ONNX file"
   [ -n "$data" ] || next "demo --data DIR --train A --evaluate B" "does the same with your own recordings"
   [ "$1" = yes ] && [ -t 0 ] && [ -n "${running[dashboard]:-}" ] || return 0
