@@ -16,6 +16,7 @@ TraversalServer::TraversalServer(Node& node, const Environment& environment)
     : node_(node),
       environment_(environment),
       traversal_(environment.traversal()),
+      streets_hash_(traversal_.streets ? traversal_.streets->hash() : 0),
       frames_(
           [this](const ObjectKey& key) {
             return traversal_object(key, traversal_.positions, [this](std::uint32_t frame) {
@@ -50,7 +51,7 @@ msg::TraversalInfo TraversalServer::info() const {
     info.rule() = static_cast<msg::StateRule>(traversal_.rule);
     info.places() = static_cast<std::uint32_t>(traversal_.streets->places());
     info.links() = static_cast<std::uint32_t>(traversal_.streets->links());
-    info.streets_hash() = traversal_.streets->hash();
+    info.streets_hash() = streets_hash_;
   }
   info.images() = traversal_.images != nullptr;
   return info;
@@ -68,8 +69,7 @@ bool TraversalServer::take_requests() {
   while (node_.take(map_request_))
     if (addressed(map_request_.server().c_str(), map_request_.hash())) maps_.note(map_request_);
   while (traversal_.streets && node_.take(streets_request_))
-    if (streets_request_.server().c_str() == node_.options().id &&
-        streets_request_.hash() == traversal_.streets->hash())
+    if (streets_request_.server().c_str() == node_.options().id && streets_request_.hash() == streets_hash_)
       streets_.note(streets_request_);
   while (traversal_.images && node_.take(image_request_))
     if (addressed(image_request_.server().c_str(), image_request_.hash())) images_.note(image_request_);

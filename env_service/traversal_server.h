@@ -11,8 +11,7 @@
 namespace citylearn {
 
 /// Answers requests for the data of an environment's traversal: features and positions, image files, its map and its
-/// streets. Every
-/// answer may be lost and asked for again. Used by the node's thread.
+/// streets. Every answer may be lost and asked for again. Used by the node's thread.
 class TraversalServer {
  public:
   /// `node` and `environment` must outlive it.
@@ -37,6 +36,7 @@ class TraversalServer {
   Node& node_;
   const Environment& environment_;
   const Traversal& traversal_;
+  const std::uint64_t streets_hash_;  // 0: it has no streets
 
   ObjectServer frames_, images_, maps_, streets_;
   Bytes file_;  // of a picture
