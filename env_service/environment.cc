@@ -27,6 +27,11 @@ Environment::Environment(const Traversal& traversal, int agents, const Imperfect
   agents_.resize(agents);
 }
 
+std::span<const float> Environment::feature(int frame) const {
+  const auto dimension = static_cast<std::size_t>(traversal_.dimension);
+  return std::span(traversal_.features).subspan(static_cast<std::size_t>(frame) * dimension, dimension);
+}
+
 void Environment::reset(const msg::TaskSettings& settings) {
   const std::uint64_t end = std::uint64_t{settings.first_frame()} + settings.frames();
   if (settings.frames() < 2) throw Error("a route needs at least 2 frames", "TaskSettings.frames");
@@ -103,6 +108,10 @@ int Environment::state_to_begin(AgentState& agent) const {
     if (streets_) drawn = streets_->starts()[static_cast<std::size_t>(drawn)];
   } while (is_unmatched(drawn));
   return robot_ ? on_route(robot_->place) : drawn;
+}
+
+int Environment::goal(int agent) const {
+  return static_cast<int>(settings_.first_frame()) + agents_[static_cast<std::size_t>(agent)].goal;
 }
 
 std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {

@@ -52,10 +52,7 @@ class Environment {
   void reset(const msg::TaskSettings& settings);
 
   /// Returns the features of a frame: D.
-  std::span<const float> feature(int frame) const {
-    const auto dimension = static_cast<std::size_t>(traversal_.dimension);
-    return std::span(traversal_.features).subspan(static_cast<std::size_t>(frame) * dimension, dimension);
-  }
+  std::span<const float> feature(int frame) const;
 
   /// Performs one action per agent. An agent at the start of its episode may be given kNoAction: it waits unchanged.
   /// Throws Error, changing nothing, for a wrong number of actions or a masked or unknown one.
@@ -75,9 +72,7 @@ class Environment {
   /// Returns whether the robot has tasks left but no goal.
   bool awaits_goal() const;
   /// Returns the frame to which an agent goes.
-  int goal(int agent) const {
-    return static_cast<int>(settings_.first_frame()) + agents_[static_cast<std::size_t>(agent)].goal;
-  }
+  int goal(int agent) const;
   /// Returns the frame at which an agent stands, and the one to which the action leads if it does not slip.
   std::pair<int, int> way(int agent, std::uint8_t action) const;
 
@@ -95,11 +90,15 @@ class Environment {
   std::uint64_t traversal_hash() const { return traversal_hash_; }
 
  private:
-  void begin_episode(AgentState&agent), begin_task(AgentState&agent, int task);
-  int goal_to_begin(AgentState&agent), state_to_begin(AgentState&agent) const;
-  void move(AgentState&agent, std::uint8_t action), kidnap(AgentState&agent), look(AgentState&agent) const;
+  void begin_episode(AgentState& agent);
+  void begin_task(AgentState& agent, int task);
+  int state_to_begin(AgentState& agent) const;
+  int goal_to_begin(AgentState& agent);
   int on_route(int place) const;
   bool is_unmatched(int place) const;
+  void move(AgentState& agent, std::uint8_t action);
+  void kidnap(AgentState& agent);
+  void look(AgentState& agent) const;
   static bool waits(const AgentState& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
 
   const Traversal& traversal_;

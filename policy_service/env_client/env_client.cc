@@ -28,6 +28,26 @@ bool same_traversal(const msg::TraversalInfo& a, const msg::TraversalInfo& b) {
          a.places() == b.places() && a.links() == b.links() && a.streets_hash() == b.streets_hash();
 }
 
+/// Returns whether the sender is an env_service, or the encoder_service that completed its announcement.
+bool serves_features(const std::map<std::string, std::unique_ptr<EnvHandle>>& envs, const msg::Header& header) {
+  return std::any_of(envs.begin(), envs.end(), [&](const auto& entry) {
+    const msg::TraversalInfo& info = entry.second->info;
+    return (header.sender() == info.header().sender() && header.incarnation() == info.header().incarnation()) ||
+           (header.sender() == info.encoder_service() && header.incarnation() == info.encoder_incarnation());
+  });
+}
+
+/// Notes which settings an env_service obeys by its message.
+void note_settings(EnvHandle& env, const msg::SettingsId& settings, std::uint64_t own_incarnation) {
+  env.obeys = settings.version() == 0 ? 0 : settings.incarnation();
+  if (settings.version() == 0 || settings.incarnation() == own_incarnation) {
+    env.heard_other = {};
+    return;
+  }
+  if (env.heard_other == Clock::time_point{}) env.heard_other = Clock::now();
+  if (env.in_force()) env.settings_sender.begin(Clock::now());
+}
+
 }  // namespace
 
 EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
@@ -76,7 +96,8 @@ void EnvClient::spin(Clock::time_point deadline) {
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
   while (node_.take(chunk_))
-    if (!features_.take(chunk_, serves_features(chunk_.header()))) rejections_.add(chunk_.header(), "invalid features");
+    if (!features_.take(chunk_, serves_features(envs_, chunk_.header())))
+      rejections_.add(chunk_.header(), "invalid features");
   handle_streets();
   while (node_.take(observation_)) on_observation(observation_);
   while (node_.take(episode_))
@@ -158,7 +179,7 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
   const bool lost_settings = env.in_force() && info.settings().version() == 0 && !obeys_ours;
   const bool begins_anew = fresh || (env.commands() && (forged || lost_settings));
   env.info = info;
-  note_settings(env, info.settings());
+  note_settings(env, info.settings(), node_.incarnation());
   if (begins_anew) {
     env.id = info.header().sender().c_str();
     if (fresh) env.until_restart = false, env.streets.reset();
@@ -330,23 +351,12 @@ void EnvClient::send_due_settings() {
   }
 }
 
-/// Notes which settings an env_service obeys by its message.
-void EnvClient::note_settings(EnvHandle& env, const msg::SettingsId& settings) {
-  env.obeys = settings.version() == 0 ? 0 : settings.incarnation();
-  if (settings.version() == 0 || settings.incarnation() == node_.incarnation()) {
-    env.heard_other = {};
-    return;
-  }
-  if (env.heard_other == Clock::time_point{}) env.heard_other = Clock::now();
-  if (env.in_force()) env.settings_sender.begin(Clock::now());
-}
-
 // Observations.
 
 void EnvClient::on_observation(msg::Observation& observation) {
   EnvHandle* env = speaking(observation.header());
   if (!env) return;
-  note_settings(*env, observation.settings());
+  note_settings(*env, observation.settings(), node_.incarnation());
   if (!env->refusal.empty()) {
     rejections_.add(observation.header(), "an observation of an env_service that is not used");
     return;
@@ -397,15 +407,6 @@ void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) 
 }
 
 // Features.
-
-/// Returns whether the sender is an env_service, or the encoder_service that completed its announcement.
-bool EnvClient::serves_features(const msg::Header& header) const {
-  return std::any_of(envs_.begin(), envs_.end(), [&](const auto& entry) {
-    const msg::TraversalInfo& info = entry.second->info;
-    return (header.sender() == info.header().sender() && header.incarnation() == info.header().incarnation()) ||
-           (header.sender() == info.encoder_service() && header.incarnation() == info.encoder_incarnation());
-  });
-}
 
 /// Returns whether the service that has the features is alive: the env_service, or the encoder_service behind it.
 bool EnvClient::answers_requests(const EnvHandle& env) const {

@@ -67,7 +67,8 @@ class EnvClient {
   /// Receives observations, or does not. At first it does.
   void receive_observations(bool wanted);
   /// Begin and end hearing an env_service. Only with EnvClientOptions::attached_only.
-  void attach(const std::string&id), detach(const std::string&id);
+  void attach(const std::string& id);
+  void detach(const std::string& id);
 
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
   const ServiceMonitor& services() const { return services_; }
@@ -79,8 +80,6 @@ class EnvClient {
  private:
   EnvHandle* known(const msg::Header& header);
   EnvHandle* speaking(const msg::Header& header);
-  void note_settings(EnvHandle& env, const msg::SettingsId& settings);
-  bool serves_features(const msg::Header& header) const;
   void on_status(const msg::ServiceStatus& status);
   void on_info(const msg::TraversalInfo& info);
   std::string why_refused(const msg::TraversalInfo& info) const;
@@ -93,7 +92,8 @@ class EnvClient {
   void contain(EnvHandle& env, const std::function<void()>& call);
   void on_observation(msg::Observation& observation);
   bool answers_requests(const EnvHandle& env) const;
-  void ask_for_features(), send_due_settings();
+  void ask_for_features();
+  void send_due_settings();
   void send_acknowledgement(const EnvHandle& env, msg::ReaderState state = msg::READS);
 
   Node& node_;
