@@ -12,9 +12,9 @@
 #include <utility>
 #include <vector>
 
-#include "core/task/moves.h"
 #include "core/task/reward.h"
 #include "core/task/spl.h"
+#include "core/task/state_map.h"
 #include "env_service/images/image_sources.h"
 #include "tests/support/data/fake_images.h"
 #include "tests/support/env/env.h"
@@ -82,11 +82,12 @@ TEST(ImperfectWorld, ASlippingActionIsDoneNeverOrTwice) {
 }
 
 TEST(ImperfectWorld, AnActionDoneTwiceStaysOnTheRoute) {
-  EXPECT_EQ(place_after(2, kNext, 2, 4), 3);
-  EXPECT_EQ(place_after(1, kPrevious, 2, 4), 0);
-  EXPECT_EQ(place_after(0, kNext, 2, 4), 2);
-  EXPECT_EQ(place_after(0, kNext, 0, 4), 0);
-  EXPECT_EQ(place_after(1, kStay, 2, 4), 1);
+  const StateMap route(4);
+  EXPECT_EQ(route.after(2, kNext, 2), 3);
+  EXPECT_EQ(route.after(1, kPrevious, 2), 0);
+  EXPECT_EQ(route.after(0, kNext, 2), 2);
+  EXPECT_EQ(route.after(0, kNext, 0), 0);
+  EXPECT_EQ(route.after(1, kStay, 2), 1);
 }
 
 TEST(ImperfectWorld, ADroppedFrameShowsTheOneBefore) {

@@ -6,8 +6,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "core/task/moves.h"
 #include "core/task/path.h"
+#include "core/task/state_map.h"
 #include "core/util/error.h"
 #include "core/wire/messages.h"
 #include "encoder_service/encoding/encoder.h"
@@ -33,12 +33,12 @@ cv::Mat thumbnail(const Traversal& traversal, int frame) {
 /// Returns the places that an episode visits, from `start` on; `path` holds its actions as in EpisodeStat. Throws Error
 /// when they lead off the route.
 std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, int places) {
+  const StateMap route(places);
   std::vector<int> walked = {start};
   for (int step = 0; step < steps; ++step) {
     const std::uint8_t action = action_at(path, static_cast<std::size_t>(step));
-    const int place = action < kActions ? place_after(walked.back(), action) : -1;
-    if (place < 0 || place >= places)
-      throw Error("step " + std::to_string(step) + " leads off the route", "path of an episode");
+    const int place = action < kActions ? route.next(walked.back(), action) : -1;
+    if (place < 0) throw Error("step " + std::to_string(step) + " leads off the route", "path of an episode");
     walked.push_back(place);
   }
   return walked;

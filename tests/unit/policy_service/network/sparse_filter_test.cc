@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/task/moves.h"
+#include "core/task/state_map.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/network/street_votes.h"
 #include "policy_service/rollout/control.h"
@@ -126,7 +126,7 @@ Agreement compare(const std::map<std::string, double>& told, double slips, doubl
       agent.action = draw < wanted(0) ? kStay : draw < wanted(0) + wanted(1) ? kNext : kPrevious;
       if (!(inputs.allowed[static_cast<std::size_t>(a)] >> agent.action & 1)) agent.action = kStay;
       const int times = random.uniform() < slips ? 2 * static_cast<int>(random.below(2)) : 1;
-      agent.position = place_after(agent.position, agent.action, times, kRoutePlaces);
+      agent.position = StateMap(kRoutePlaces).after(agent.position, agent.action, times);
       if (random.uniform() < kidnaps) {
         agent.position = place();
         agent.kidnapped = true;
@@ -244,7 +244,7 @@ TEST(SparseFilter, OnStreetsMovesByTheMapAndExcludesByWhatIsAllowed) {
   SparseFilter<float> filter(keys, Motion<float>(0.2, 0), small_states());
   const Matrix<float> features = Matrix<float>::Zero(16, 1);
   SparseStep<float> step;
-  // What is seen is no evidence. Only states 7 and 8 allow no turn, and 8 is at the goal.
+  // What is seen tells nothing. Only states 7 and 8 allow no turn, and 8 is at the goal.
   step.goal = 4;
   step.allowed = 1u << kForward;
   step.first = step.repeated = true;

@@ -7,7 +7,7 @@
 #include <fstream>
 
 #include "core/files/files.h"
-#include "core/task/moves.h"
+#include "core/task/state_map.h"
 #include "core/util/error.h"
 #include "core/util/random.h"
 #include "policy_service/distributed/heartbeat_thread.h"
@@ -339,7 +339,7 @@ int walk(Policy& policy, int first, int frames, int position, int goal, const Ma
     policy.act(o, choice);
     EXPECT_TRUE(o.allowed()[0] >> choice.at(0) & 1);
     previous = choice[0];
-    position = place_after(position, previous);
+    position = StateMap(frames).after(position, previous, 1);
     flags = 0;
   }
   return -1;
