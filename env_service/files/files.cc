@@ -4,11 +4,11 @@
 #include <strings.h>
 
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 #include <map>
 
 #include "core/util/error.h"
+#include "core/util/text.h"
 
 namespace citylearn {
 namespace {
@@ -105,20 +105,16 @@ const std::vector<std::string>& video_suffixes() {
 }
 
 std::vector<std::vector<std::string>> films_in(const std::string& folder, const std::string& within) {
-  const auto upper = [](std::string text) {
-    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::toupper(c); });
-    return text;
-  };
   const fs::path inside(within);
   std::vector<std::vector<std::string>> films;
   std::map<std::string, std::map<int, std::string>> chaptered;  // by what all chapters' names share
   for (const std::string& file : files_in(within.empty() ? folder : below(folder, within), video_suffixes())) {
-    const std::string name = upper(stem_of(file)), kind = upper(fs::path(file).extension().string());
+    const std::string name = lower(stem_of(file)), kind = lower(fs::path(file).extension().string());
     std::string path = (inside / file).string(), shared;
     int chapter = 0;
-    if (has_form(name, "GOPR0000")) {
-      shared = "GP" + name.substr(4);
-    } else if (has_form(name, "GP000000") || has_form(name, "GH000000") || has_form(name, "GX000000")) {
+    if (has_form(name, "gopr0000")) {
+      shared = "gp" + name.substr(4);
+    } else if (has_form(name, "gp000000") || has_form(name, "gh000000") || has_form(name, "gx000000")) {
       shared = name.substr(0, 2) + name.substr(4);
       chapter = std::stoi(name.substr(2, 2));
     }
