@@ -4,6 +4,7 @@
 
 #include "core/util/error.h"
 #include "policy_service/network/layers.h"
+#include "tests/support/networks/carried_state.h"
 #include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"
 
@@ -54,26 +55,9 @@ class Networks : public ::testing::TestWithParam<const NetworkEntry*> {
 INSTANTIATE_TEST_SUITE_P(All, Networks, ::testing::ValuesIn(all_networks()),
                          [](const auto& tested) { return tested.param->name; });
 
-/// B agents over T steps are as each agent and step alone.
 TEST_P(Networks, CarryTheirStateFromCallToCall) {
   const NetworkInputs<double> inputs = some_inputs(task, task.frames);
-  const Matrix<double> begin = start(inputs.agents);
-  network->forward(parameters, inputs, begin, *workspace);
-  const auto single = network->make_workspace();
-  for (int b = 0; b < inputs.agents; ++b) {
-    Matrix<double> state = begin.col(b);
-    for (int t = 0; t < inputs.steps; ++t) {
-      NetworkInputs<double> one;
-      one.resize(task.features, 1, 1);
-      one.frames = inputs.frames;
-      one.copy_column(inputs, t * inputs.agents + b, 0);
-      network->forward(parameters, one, state, *single);
-      state = single->state;
-      EXPECT_TRUE(single->heads.logits.col(0).isApprox(workspace->heads.logits.col(t * inputs.agents + b), 1e-9));
-      EXPECT_NEAR(single->heads.values(0), workspace->heads.values(t * inputs.agents + b), 1e-9);
-    }
-    EXPECT_TRUE(state.isApprox(workspace->state.col(b), 1e-9));
-  }
+  expect_carried_state(*network, parameters, inputs, start(inputs.agents));
 }
 
 /// The backward pass is the derivative of the forward pass, as central differences see it.

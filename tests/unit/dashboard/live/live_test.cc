@@ -21,10 +21,10 @@
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
 #include "tests/support/env/scripted_policy.h"
+#include "tests/support/env/streets_traversal.h"
 #include "tests/support/files.h"
 #include "tests/support/options.h"
 #include "tests/support/records/records.h"
-#include "tests/support/streets.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -373,15 +373,7 @@ TEST_F(LiveRun, TheApiGetsPicturesAndMapsByHash) {
 }
 
 TEST_F(LiveTest, MapsOfStreetsCome) {
-  Traversal city;
-  city.dataset = "test";
-  city.name = "city";
-  city.frames = 13;
-  city.dimension = 1;
-  city.features.assign(13, 0);
-  city.positions.assign(13, std::numeric_limits<float>::quiet_NaN());
-  city.streets = std::make_shared<const StreetMap>(small_streets());
-  city.rule = StateRule::kStreet;
+  const Traversal city = streets_traversal();
   EnvServiceOptions options;
   options.node = node_options("", run, "");
   const EnvServiceThread env(options, city);

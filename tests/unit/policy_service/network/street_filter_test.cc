@@ -6,6 +6,7 @@
 
 #include "policy_service/network/agent_network.h"
 #include "policy_service/network/layers.h"
+#include "tests/support/networks/carried_state.h"
 #include "tests/support/networks/small_networks.h"
 #include "tests/support/streets.h"
 #include "tests/support/text.h"
@@ -30,24 +31,8 @@ Vector<double> some_parameters(const AgentNetwork<double>& network) {
 TEST(StreetFilter, CarriesItsStateFromCallToCall) {
   const NetworkTask task = street_task(small_states());
   const auto network = street_network(task, {});
-  const Vector<double> parameters = some_parameters(*network);
   const NetworkInputs<double> inputs = some_inputs(task, task.frames);
-  const auto together = network->make_workspace(), single = network->make_workspace();
-  Matrix<double> state = some_state(*network, inputs.agents);
-  network->forward(parameters, inputs, state, *together);
-  for (int b = 0; b < inputs.agents; ++b) {
-    Matrix<double> carried = state.col(b);
-    for (int t = 0; t < inputs.steps; ++t) {
-      NetworkInputs<double> one;
-      one.resize(task.features, 1, 1);
-      one.frames = inputs.frames;
-      one.copy_column(inputs, t * inputs.agents + b, 0);
-      network->forward(parameters, one, carried, *single);
-      carried = single->state;
-      EXPECT_TRUE(single->heads.logits.col(0).isApprox(together->heads.logits.col(t * inputs.agents + b), 1e-9));
-    }
-    EXPECT_TRUE(carried.isApprox(together->state.col(b), 1e-9));
-  }
+  expect_carried_state(*network, some_parameters(*network), inputs, some_state(*network, inputs.agents));
 }
 
 /// On streets seen in a mirror, left and right are exchanged and all else is the same.
