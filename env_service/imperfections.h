@@ -47,7 +47,8 @@ class Mishaps {
   void await_kidnapping(int distance);
   /// Call it after each step that does not end the episode. Returns whether the agent is carried away now.
   bool kidnapped() { return left_ > 0 && --wait_ <= 0; }
-  /// Returns where: any of so many states but the `excluded`, which rise, each as likely; -1 where there is no other.
+  /// Returns the state to which it is carried: any of so many but the `excluded` (in ascending order), each as likely;
+  /// -1 where there is none.
   int state_kidnapped_to(std::span<const int> excluded, int states);
 
  private:

@@ -58,8 +58,7 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->configurable(false);
   app.add_flag("--show", line.show,
                "Print dataset, announced name, frames, images and features of the traversal, whether on streets, and "
-               "how the dataset matches "
-               "traversals (index or otherwise), a line each, then exit")
+               "how the dataset matches traversals (index or otherwise), a line each, then exit")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);

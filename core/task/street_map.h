@@ -20,7 +20,7 @@ struct StreetMap {
 
   /// Takes headings modulo 360 and puts the links in order. Returns where each stood before, for what belongs to links.
   /// Throws Error that names the link or the place: an unknown end, a link from a place to itself, a position or
-  /// heading that is no number, more than kMaxLinksOfPlace links at a place, or a place that can be reached but not
+  /// heading that is not a number, more than kMaxLinksOfPlace links at a place, or a place that can be reached but not
   /// left.
   std::vector<std::uint32_t> put_in_order();
   /// Throws Error as put_in_order(), and where links are not in order.

@@ -297,8 +297,7 @@ const DatasetRegistry::Registration plain_registration({
     "plain",
     "a folder (--data) of traversals: NAME.csv (one frame a line, comma-separated features, no header), a folder NAME "
     "of pictures, or a video NAME.mp4; NAME.poses.csv, a track NAME.gpx, EXIF data and matches.csv may give places, "
-    "nodes.txt and "
-    "links.txt a map of streets",
+    "nodes.txt and links.txt a map of streets",
     {{"clock-offset",
       "seconds by which a track's clock is ahead of the frames'; of films that do not say when they began: from the "
       "track's first point to second 0",

@@ -41,7 +41,7 @@ struct SparseStep {
   int goal = 0;
   std::uint8_t action = 0, allowed = 0;  ///< the action that led here, and those allowed here
   bool first = false;                    ///< an episode's first observation
-  bool repeated = false;                 ///< the agent saw the same earlier in the episode: it is no evidence
+  bool repeated = false;                 ///< the agent saw the same earlier in the episode: it counts no more
 
   std::vector<int> places;  ///< where the agent may be: what was active and where that leads, or all places
   std::vector<S> shares;    ///< belief in each

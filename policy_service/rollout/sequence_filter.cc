@@ -28,8 +28,8 @@ namespace {
 /// proportion when the goal is near; the side that asks for turning about is weighed by u, because doubt alone is no
 /// reason to turn. On a long line the belief is sparse, as place_filter's.
 ///
-/// On streets the belief is over their states and always sparse. A view seen before in the episode is no evidence: one
-/// that errs would err each time. Takes the action with which the way to the goal begins for most of the belief. After
+/// On streets the belief is over their states and always sparse. A view counts once in an episode: one that errs
+/// would err each time. Takes the action with which the way to the goal begins for most of the belief. After
 /// 4 turns in a row, where headings are fixed 16, it goes forward, because a belief in two states may turn it for ever.
 class SequenceFilter : public Policy {
  public:

@@ -129,7 +129,7 @@ function Player({ episode, positions, run, whole = false, focused = false }: Pla
   };
   const own = run?.traversals.find((one) => sameTraversal(one, episode));
   const [siblings, sibling] = siblingsOf(run?.traversals ?? [], episode);
-  const streets = own?.streets ?? false; // there the goal is no frame
+  const streets = own?.streets ?? false; // where the goal is a place, not a frame
   const least = streets ? 0 : Math.min(...positions, episode.goal);
   const most = streets ? 0 : Math.max(...positions, episode.goal);
   const first = Math.min(manifestNumber(run, 'first_frame') ?? least, least);
