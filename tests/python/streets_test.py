@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Environments on a map of streets, in process and over DDS."""
 
+import contextlib
+import os
+import pty
+import re
 import signal
+import sys
 import tempfile
 import unittest
 from pathlib import Path
 
 import actors
-from support import ClearErrors, walk
+from support import BUILD, SOURCE, ClearErrors, walk
 from actors import DOMAIN, running
 
 import numpy as np
@@ -77,6 +82,23 @@ class Streets(ClearErrors):
             self.assertEqual(walk(env, 7, 100), expected)
             self.assertEqual(env.reset(seed=2)[1]["heading"].shape, (4,))
             env.close()
+
+    def test_a_person_walks_by_the_arrow_keys(self):
+        with running(*actors.env_services(1, 1, "day", {"data": self.data}), end=signal.SIGTERM):
+            pid, terminal = pty.fork()
+            if pid == 0:
+                os.environ.update(TERM="xterm", PYTHONPATH=str(BUILD / "python"))
+                os.execv(sys.executable, [sys.executable, "-B", str(SOURCE / "python/examples/walk.py"), "traversal=day",
+                                          "middleware=cyclonedds", f"domain={DOMAIN}", "interface=lo"])
+            os.write(terminal, b"x" + 12 * b"\x1bOA" + b"q")  # no action; forward, which leads round all; the end
+            told = b""
+            with contextlib.suppress(OSError):  # at its end
+                while part := os.read(terminal, 4096):
+                    told += part
+        self.assertEqual(os.waitpid(pid, 0)[1], 0, told)
+        walks, spl = re.search(rb"(\d+) walks, SPL ([.\d]+)", told).groups()
+        self.assertTrue(3 <= int(walks) <= 12, told)  # of at most 4 steps
+        self.assertGreaterEqual(float(spl), 1 / 3)
 
     def test_it_draws_and_refuses_parts_and_wrong_actions(self):
         env = self.envs(citylearn.Env, render_mode="rgb_array")
