@@ -65,15 +65,26 @@ Evaluation::MakePolicy EvaluationRun::agent_policy() {
   };
 }
 
+/// Returns whether the agent goes by the features of --train, and not by those that its checkpoint has.
+bool EvaluationRun::remembers() const {
+  const PolicyServiceOptions& options = context_.options;
+  return agent_ ? agent_->places > 0 && given(options, "--train") : options.agent == "sequence_filter";
+}
+
 /// Returns those of the traversals on whose streets an agent or a control of this name can walk: a filter remembers one
 /// map's places.
 std::vector<std::string> EvaluationRun::known(const std::string& name, std::vector<std::string> traversals) const {
   if (name != "sequence_filter" && !(agent_ && agent_->places > 0 && name == context_.options.agent)) return traversals;
+  const auto remembered = context_.streets_on(context_.options.train.front());
   std::erase_if(traversals, [&](const std::string& traversal) {
-    const auto streets = context_.streets_on(traversal);
-    const bool same = !streets || streets == context_.streets_on(context_.options.train.front());
-    if (!same) spdlog::warn("skipping {} on '{}': its streets are not those of --train", name, traversal);
-    return !same;
+    const EnvHandle* env = context_.env_on(traversal);
+    if (!env || !env->streets || env->streets == remembered) return false;
+    const bool own = !remembered && agent_ && agent_->data.known() &&
+                     agent_->data.traversals.front().streets_hash == env->info.streets_hash();
+    if (!own)
+      spdlog::warn("skipping {} on '{}': {}", name, traversal,
+                   remembered ? "its streets are not those of --train" : "no env_service has --train's streets");
+    return !own;
   });
   return traversals;
 }
@@ -106,7 +117,7 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   }
   std::map<std::string, ControlTask> tasks;
   const Matrix<float> taught = reference();
-  for (const EnvHandle* env : context_.evaluation_envs()) {
+  for (const EnvHandle* env : context_.evaluation_envs(remembers())) {
     const std::vector<float>& features = context_.features_on(env->traversal());
     ControlTask& task = tasks.emplace(env->traversal(), task_on(*env)).first->second;
     task.reference = Eigen::Map<const Matrix<float>>(
@@ -204,7 +215,7 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
 
 std::optional<double> EvaluationRun::evaluate_others() {
   std::vector<std::string> others;
-  for (const EnvHandle* env : context_.evaluation_envs())
+  for (const EnvHandle* env : context_.evaluation_envs(remembers()))
     if (context_.experience_on(env->traversal()) < 0) others.push_back(env->traversal());
   others = known(context_.options.agent, std::move(others));
   if (others.empty()) return std::nullopt;
@@ -222,7 +233,7 @@ std::optional<double> EvaluationRun::evaluate_others() {
 
 void EvaluationRun::evaluate_all() {
   const PolicyServiceOptions& options = context_.options;
-  const std::vector<EnvHandle*> envs = context_.evaluation_envs();
+  const std::vector<EnvHandle*> envs = context_.evaluation_envs(remembers());
   context_.fit_route(envs);
   std::vector<std::string> traversals;
   for (const EnvHandle* env : envs) traversals.push_back(env->traversal());

@@ -166,15 +166,14 @@ void RunContext::wait_for_training_envs(int count) {
   wait_for_envs({options.train.begin(), options.train.end()}, count);
 }
 
-std::vector<EnvHandle*> RunContext::evaluation_envs() {
+std::vector<EnvHandle*> RunContext::evaluation_envs(bool remembers) {
   std::set<std::string> traversals(options.evaluate.begin(), options.evaluate.end());
   if (traversals.empty())
     for (const auto& [id, env] : client.envs())
       if (free(*env)) traversals.insert(env->traversal());
   if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train.front());
   std::set<std::string> awaited = traversals;
-  if (options.agent == "sequence_filter" && options.checkpoint.empty())  // it remembers what they show
-    awaited.insert(options.train.begin(), options.train.end());
+  if (remembers) awaited.insert(options.train.begin(), options.train.end());
   wait_for_envs(awaited, 1);
   std::vector<EnvHandle*> envs;
   for (const std::string& traversal : traversals) envs.push_back(env_on(traversal));

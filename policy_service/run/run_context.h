@@ -68,8 +68,9 @@ class RunContext {
   int experience_on(const std::string& traversal) const;
   /// Returns one of the env_services of a traversal, or null.
   EnvHandle* env_on(const std::string& traversal) const;
-  /// Waits for the env_services to evaluate on and returns one for each traversal.
-  std::vector<EnvHandle*> evaluation_envs();
+  /// Waits for the env_services to evaluate on and returns one for each traversal. With `remembers`, which is what an
+  /// agent does that goes by the features of --train, it waits for these traversals too.
+  std::vector<EnvHandle*> evaluation_envs(bool remembers);
   /// Returns the features of a traversal's route, D numbers a place, fetched once; empty when it has none or no
   /// env_service. An env_service that does not deliver them is refused.
   const std::vector<float>& features_on(const std::string& traversal);

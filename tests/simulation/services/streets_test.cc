@@ -208,5 +208,43 @@ TEST_F(StreetsTest, ARunEvaluatesItsControlsOnThem) {
   EXPECT_TRUE(contains(wrong->output(), "whose 13 frames are one route: leave --frames out")) << wrong->output();
 }
 
+TEST_F(StreetsTest, ACheckpointWalksItsStreetsWithoutThoseOfTrainAndOthersWithThem) {
+  Trial trial("simulated");
+  const auto hosted = [&](const StreetMap& streets, const std::string& name) {
+    return std::make_unique<EnvServiceThread>(
+        EnvServiceOptions{{trial.middleware(), "", "", "default"}, 8, {}, {}, 0.1},
+        streets_traversal(streets, StateRule::kStreet, 16, name));
+  };
+  auto summer = hosted(small_streets(), "summer");
+  const auto training = trial.policy({"--train", "summer", "--learner", "relabel", "--steps", "4000", "--tasks", "10",
+                                      "--output", trial.folder() / "run"});
+  ASSERT_EQ(training->wait(kLongWait), 0) << training->output();
+  summer.reset();
+  const auto evaluation = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words{
+        "--mode",      "evaluate", "--checkpoint",        trial.folder() / "run/checkpoints/best.clk", "--tasks", "32",
+        "--overwrite", "--output", trial.folder() / "out"};
+    words.insert(words.end(), more.begin(), more.end());
+    return trial.policy(words);
+  };
+  const auto spl = [&](const std::string& traversal) {
+    return nlohmann::json::parse(contents(trial.folder() / "out/summary.json"))["evaluate"][traversal]["spl"]
+        .get<double>();
+  };
+  const auto fall = hosted(small_streets(), "fall");
+  const auto alone = evaluation({"--evaluate", "fall"});
+  ASSERT_EQ(alone->wait(kLongWait), 0) << alone->output();
+  EXPECT_GT(spl("fall"), 0.9);
+
+  StreetMap moved = small_streets();
+  moved.east[4] += 1;
+  const auto there = hosted(moved, "there");
+  const auto elsewhere = evaluation({"--train", "other", "--evaluate", "there"});
+  ASSERT_EQ(elsewhere->wait(seconds(3)), std::nullopt) << "waits for 'other': " << elsewhere->output();
+  const auto other = hosted(moved, "other");  // only now
+  ASSERT_EQ(elsewhere->wait(kLongWait), 0) << elsewhere->output();
+  EXPECT_GT(spl("there"), 0.9);
+}
+
 }  // namespace
 }  // namespace citylearn::testing
