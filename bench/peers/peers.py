@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast are citylearn's environments beside the same task in numpy? peers.py BUILD [ROUNDS]; README.md says more."""
+"""How fast are citylearn's environments beside numpy, its learning beside JAX? peers.py BUILD [ROUNDS]"""
 
 import contextlib
+import csv
 import json
 import os
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -143,6 +145,40 @@ def record_figure(name, value):
             print(json.dumps({"name": name, "value": value, "unit": "steps/s", "better": "higher"}), file=out)
 
 
+def learning(features, python, steps=163840):
+    """Trains the agent `features` by each product of policy_service and by JAX, by turns, and prints medians."""
+    place = ["--middleware=cyclonedds", f"--domain={own_domain()}", "--interface=lo", "--log-level=error"]
+    off = [f"--{name}=0" for name in ("trainer-noise-episode", "trainer-noise-frame", "trainer-noise-place",
+                                      "ppo-localisation", "ppo-orientation")]
+    figures = {}
+    with tempfile.TemporaryDirectory() as folder:
+        np.save(f"{folder}/features.npy", features)
+        service = subprocess.Popen([BUILD / "env_service/env_service", "--synthetic-images=0", "--synthetic-frames=128",
+                                    "--agents=32", *place])
+        for seed in range(1, ROUNDS + 1):
+            for math in ("onednn", "onednn_bfloat16"):
+                subprocess.run([BUILD / "policy_service/policy_service", "--agent=features", "--train=summer",
+                                "--evaluate=summer", "--tasks=1", f"--math={math}", f"--seed={seed}",
+                                f"--steps={steps}", f"--output={folder}/run", "--overwrite", *off, *place],
+                               check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                with open(f"{folder}/run/metrics.csv", encoding="utf-8") as file:
+                    rows = list(csv.DictReader(file))
+                reached = next((float(row["wall"]) for row in rows if float(row["spl"] or 0) >= 0.9), None)
+                figures.setdefault(math, []).append((steps / float(rows[-1]["wall"]), reached))
+            said = subprocess.run([python, Path(__file__).with_name("jax_ppo.py"), f"{folder}/features.npy", str(steps),
+                                   str(seed)], check=True, capture_output=True).stdout
+            said = json.loads(said)
+            figures.setdefault("JAX", []).append((said["steps/s"], said["seconds to SPL .9"]))
+        service.terminate()
+        service.wait()
+    for name, values in figures.items():
+        rates, seconds = zip(*values)
+        ratio = statistics.median(rate / jax for rate, (jax, _) in zip(rates, figures["JAX"]))
+        print(f"learning by {name:<16} {statistics.median(rates):>9,.0f} steps/s, {ratio:.2f} x JAX; s to SPL .9: "
+              + " ".join("-" if one is None else f"{one:.1f}" for one in seconds))
+        record_figure(f"learning by {name}", statistics.median(rates))
+
+
 def main():
     features = features_of(WORLD)
     check_same_task(NumpyWalk(features, 64), WORLD)
@@ -166,6 +202,10 @@ def main():
         ratio = statistics.median(one / ours for one, ours in zip(values, rates["citylearn.VectorEnv", agents]))
         print(f"{name:<34} {agents:>6} {statistics.median(values):>14,.0f} {ratio:>8.3f}")
         record_figure(f"{name}, agents {agents}", statistics.median(values))
+    if python := os.environ.get("JAX_PYTHON"):
+        learning(features, python)
+    else:
+        print("learning beside JAX skipped: JAX_PYTHON names no Python that has jax and optax")
 
 
 if __name__ == "__main__":
