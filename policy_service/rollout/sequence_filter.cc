@@ -34,7 +34,7 @@ namespace {
 class SequenceFilter : public Policy {
  public:
   SequenceFilter(const ControlTask& task, const Parameters& parameters)
-      : task_(task),
+      : task_{task.first_frame, task.frames, {}, task.sparse_from, task.streets, task.goal_radius},
         evidence_(parameters["evidence"]),
         tempering_(parameters["tempering"]),
         turning_(parameters["turning"]),
@@ -46,6 +46,7 @@ class SequenceFilter : public Policy {
                   "start an env_service on a traversal that has features");
     weights_ = Vector<double>::LinSpaced(task.frames, 1, task.frames).array().pow(-parameters["nearness"]);
     keys_.emplace(task.reference, static_cast<int>(task.reference.rows()), task.frames, sparse_);
+    dimension_ = task.reference.rows();
     if (!sparse_) return;
     sparse_filter_.emplace(
         *keys_, Motion<float>(parameters["slip"], parameters["kidnap"]), task.streets,
@@ -63,11 +64,10 @@ class SequenceFilter : public Policy {
 
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
     const std::size_t agents = observation.goal().size();
-    const std::ptrdiff_t dimension = task_.reference.rows();
-    if (observation.feature_dimension() != static_cast<std::uint32_t>(dimension))
-      throw Error(
-          std::to_string(observation.feature_dimension()) + " features, the reference has " + std::to_string(dimension),
-          "traversal " + std::string(observation.traversal().c_str()));
+    if (observation.feature_dimension() != static_cast<std::uint32_t>(dimension_))
+      throw Error(std::to_string(observation.feature_dimension()) + " features, the reference has " +
+                      std::to_string(dimension_),
+                  "traversal " + std::string(observation.traversal().c_str()));
     if (agents_.size() != agents) agents_.assign(agents, {Vector<double>::Zero(sparse_ ? 0 : task_.frames)});
     choice.assign(agents, kStay);
     tasks_.follow(observation);
@@ -106,7 +106,7 @@ class SequenceFilter : public Policy {
 
   /// Normalises what the agents of a batch see.
   void look(const msg::Observation& observation, const EvaluatedTasks::Batch& batch) {
-    const Eigen::Map<const Matrix<float>> features(observation.features().data(), task_.reference.rows(),
+    const Eigen::Map<const Matrix<float>> features(observation.features().data(), dimension_,
                                                    static_cast<std::ptrdiff_t>(agents_.size()));
     seen_.setZero(features.rows(), EvaluatedTasks::kColumns);
     EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
@@ -195,7 +195,8 @@ class SequenceFilter : public Policy {
     return allowed_or_turn(before > after ? kNext : kPrevious, allowed);
   }
 
-  ControlTask task_;
+  ControlTask task_;              ///< without the reference, of which keys_ are made
+  std::ptrdiff_t dimension_ = 0;  ///< D
   double evidence_, tempering_, turning_;
   Motion<double> motion_;
   bool sparse_;  ///< beliefs are

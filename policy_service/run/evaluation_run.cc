@@ -90,8 +90,8 @@ std::vector<std::string> EvaluationRun::known(const std::string& name, std::vect
 }
 
 /// Returns the features that filters remember: those of --train, else those that the agent does.
-Matrix<float> EvaluationRun::reference() {
-  Matrix<float> hosted = context_.reference();
+const Matrix<float>& EvaluationRun::reference() {
+  const Matrix<float>& hosted = context_.reference();
   return hosted.size() == 0 && agent_ ? agent_->task.reference : hosted;
 }
 
@@ -108,15 +108,15 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
     return task;
   };
   if (name != "oracle_filter") {
-    const Matrix<float> taught = name == "sequence_filter" ? reference() : Matrix<float>();
+    const Matrix<float>* taught = name == "sequence_filter" ? &reference() : nullptr;
     return [&entry, parameters, task_on, taught](const EnvHandle& env) {
       ControlTask task = task_on(env);
-      task.reference = taught;
+      if (taught) task.reference = *taught;
       return entry.create(parameters, task);
     };
   }
   std::map<std::string, ControlTask> tasks;
-  const Matrix<float> taught = reference();
+  const Matrix<float>& taught = reference();
   for (const EnvHandle* env : context_.evaluation_envs(remembers())) {
     const std::vector<float>& features = context_.features_on(env->traversal());
     ControlTask& task = tasks.emplace(env->traversal(), task_on(*env)).first->second;

@@ -46,7 +46,7 @@ class EvaluationRun {
   bool remembers() const;
   std::vector<std::string> known(const std::string& name, std::vector<std::string> traversals) const;
   Evaluation::MakePolicy control(const std::string& name);
-  Matrix<float> reference();
+  const Matrix<float>& reference();
 
   RunContext& context_;
   std::optional<TrainedAgent> agent_;

@@ -196,7 +196,7 @@ const std::vector<float>& RunContext::features_on(const std::string& traversal) 
   return features;
 }
 
-Matrix<float> RunContext::reference() {
+const Matrix<float>& RunContext::reference() {
   Matrix<float> all;
   std::optional<TraversalContents> first;
   for (std::size_t i = 0; i < options.train.size(); ++i) {
@@ -210,14 +210,17 @@ Matrix<float> RunContext::reference() {
         throw Error("walks on other streets than '" + options.train.front() + "'", "traversal '" + name + "'",
                     "train on traversals of one map, with one rule");
     }
+    if (reference_.size() > 0) continue;
     const std::vector<float>& features = features_on(name);
-    if (features.empty()) return {};
+    if (features.empty()) return reference_;
     const auto dimension = static_cast<std::ptrdiff_t>(features.size()) / options.frames;
     if (i == 0) all.resize(dimension, options.frames * static_cast<std::ptrdiff_t>(options.train.size()));
     all.middleCols(static_cast<std::ptrdiff_t>(i) * options.frames, options.frames) =
         Eigen::Map<const Matrix<float>>(features.data(), dimension, options.frames);
+    features_.erase(name);  // of a million places 256 MB
   }
-  return all;
+  if (reference_.size() == 0) reference_ = std::move(all);
+  return reference_;
 }
 
 void RunContext::leave() {

@@ -76,7 +76,7 @@ class RunContext {
   const std::vector<float>& features_on(const std::string& traversal);
   /// Returns the features of the training traversals' route side by side, as NetworkTask has them; empty when one has
   /// none or no env_service. Throws Error when theirs are of different kinds.
-  Matrix<float> reference();
+  const Matrix<float>& reference();
   /// Leaves the env_services idle for the next policy_service, and lets them forget the episodes of this one.
   void leave();
 
@@ -86,6 +86,7 @@ class RunContext {
   bool free(const EnvHandle& env) const;
 
   std::map<std::string, std::vector<float>> features_;  ///< by traversal
+  Matrix<float> reference_;                             ///< what reference() returns, once it is there
   std::optional<int> feature_dimension_;                ///< that is required
   TrainingData learned_;                                ///< likewise
   std::optional<bool> streets_;                         ///< whether the run is on them; unset: not known yet
