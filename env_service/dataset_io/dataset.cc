@@ -18,9 +18,8 @@ struct Foreign {
   const char* dataset = nullptr;  // that reads sound ones and says what is wrong with others
 };
 constexpr Foreign kForeign[] = {
-    {"meta/info.json", "is a dataset of LeRobot, which is not read",
-     "its films are below videos/: copy one as DIR/NAME.mp4, or cut an episode out of it by the times in meta/episodes "
-     "(ffmpeg -ss FROM -to END)"},
+    {"meta/info.json", "is a dataset of LeRobot",
+     "make recordings of its episodes: python3 -m citylearn.lerobot DATASET FOLDER, with the Python package"},
     {".bag", "is a bag of ROS 1, which is not read", "convert it: rosbags-convert --src FILE.bag --dst FOLDER"},
     {".ldb", "has StreetLearn in a folder of its own", "--data names that folder", "streetlearn"},
     {".pbf", "is a street map, not a recording", "--data names a folder of recordings"},

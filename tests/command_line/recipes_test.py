@@ -12,7 +12,7 @@ from pathlib import Path
 from support import PATIENCE, SOURCE, CommandLine, Scenery, commands, own_domain
 
 PAGES = SOURCE / "docs/how-to"
-OURS = {"./run", "env_service", "encoder_service", "policy_service", "dashboard", "compose/keystore"}
+OURS = {"./run", "python3 -m citylearn.lerobot", "env_service", "encoder_service", "policy_service", "dashboard", "compose/keystore"}
 SHORT = ["--frames", "0:64", "--steps", "8000", "--tasks", "50"]
 SHORT_CITY = ["--synthetic-frames", "128"]  # of 1000, all of which an encoder_service encodes
 
@@ -51,13 +51,15 @@ ELSEWHERE = {
     "env_service --data CITY --rule street": "tests/unit/env_service/datasets",
     "policy_service --train summer --evaluate summer,fall --controls all": "tests/simulation/services/streets_test.cc",
     "./run forward": "tests/python/forward_test.py",
+    "python3 -m citylearn.lerobot DATASET": "tests/clients/lerobot_test.py",
+    "./run data info FOLDER": "tests/clients/lerobot_test.py",
     "./run replay drive --agent": "tests/unit/tools/record",
 }
 
 
 def ours(page):
     """Returns the commands of a page that start a program of ours, each as its words."""
-    return [words for _, words in commands(PAGES / f"{page}.md") if words[:1] and words[0] in OURS]
+    return [words for _, words in commands(PAGES / f"{page}.md") if words[:1] and {words[0], " ".join(words[:3])} & OURS]
 
 
 class Recipes(CommandLine):
