@@ -64,6 +64,7 @@ class VideoTrack {
   const AVPacket& packet() const { return *packet_; }
   const AVFrame& picture() const { return *picture_; }
   int next_packet() const { return next_; }
+  bool damaged() const { return damaged_; }  ///< the decoder could not read a packet since the film was opened
 
   /// Reads the next packet of the track. Returns false at the film's end.
   bool read_packet() {
@@ -92,11 +93,13 @@ class VideoTrack {
       if (state == AVERROR_EOF) return false;
       if (state != AVERROR(EAGAIN)) {
         ++broken;  // a broken packet gives no picture
+        damaged_ = true;
         continue;
       }
       const bool more = read_packet();
       if (more) packet_->pts = packet_->dts = next_ - 1;
-      avcodec_send_packet(decoder_.get(), more ? packet_.get() : nullptr);
+      const int sent = avcodec_send_packet(decoder_.get(), more ? packet_.get() : nullptr);
+      damaged_ |= more && sent < 0;
     }
     return false;
   }
@@ -157,7 +160,7 @@ class VideoTrack {
     choose_stream();
     next_ = 0;
     empty_ = 0;
-    pending_ = ends_early_ = false;
+    pending_ = ends_early_ = damaged_ = false;
   }
 
   /// Takes the first video track, one that players show if there is any. A cover picture is not a video.
@@ -212,7 +215,7 @@ class VideoTrack {
   Libav<AVFrame> picture_{av_frame_alloc()};
   int next_ = 0;          ///< number of the packet that is read next
   bool pending_ = false;  ///< that one is in packet_
-  bool ends_early_ = false;
+  bool ends_early_ = false, damaged_ = false;
   std::size_t empty_ = 0;
 };
 
@@ -332,6 +335,10 @@ class VideoFrames : public Images {
       const int frame = frame_of(track_->picture());
       if (frame < 0) continue;
       if (first < 0) first = next = frame;
+      // Broken packets are frames too, which cannot be shown. Each packet of AV1 is one, and its decoder tells no
+      // errors.
+      const bool is_frame = track_->damaged() || track_->stream().codecpar->codec_id == AV_CODEC_ID_AV1;
+      if (frame > next && is_frame) next = frame;
       if (frame != next++) return false;
     }
     if (first < 0) return false;

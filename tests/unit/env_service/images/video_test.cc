@@ -38,6 +38,7 @@ struct FilmOptions {
     return std::array{20 + 4 * frame, 128, 128};
   };
   std::vector<int> times = {};  ///< of the pictures, in 1/25 s; empty: 0, 1, 2 ...
+  int damaged = -1;             ///< number of a packet whose bytes are lost
 };
 
 /// Writes a film of yuv420p. The suffix of the path names the container.
@@ -70,6 +71,7 @@ void write_film(const std::string& path, int frames, const FilmOptions& options 
   check(avformat_write_header(file, nullptr));
   AVFrame* picture = av_frame_alloc();
   AVPacket* packet = av_packet_alloc();
+  int written = 0;
   for (int i = 0; i <= frames; ++i) {
     if (i < frames) {
       picture->format = encoder->pix_fmt;
@@ -86,6 +88,7 @@ void write_film(const std::string& path, int frames, const FilmOptions& options 
     check(avcodec_send_frame(encoder, i < frames ? picture : nullptr));
     while (avcodec_receive_packet(encoder, packet) == 0) {
       av_packet_rescale_ts(packet, encoder->time_base, stream->time_base);
+      if (written++ == options.damaged) std::fill_n(packet->data, packet->size, std::uint8_t{0});
       check(av_interleaved_write_frame(file, packet));
     }
     av_frame_unref(picture);
@@ -366,6 +369,25 @@ TEST(VideoFaults, AreOneClearLine) {
   const std::string whole = contents(folder / "m.avi");
   make_file(folder / "m.avi", whole.substr(0, whole.size() / 2));
   EXPECT_TRUE(told("m.avi").starts_with("m.avi: ends early, after 2")) << told("m.avi");
+}
+
+TEST(VideoFaults, AFrameThatCannotBeDecodedKeepsItsNumber) {
+  for (const auto& [codec, name] : {std::pair{"mpeg4", "x.mp4"}, {"libsvtav1", "x.mkv"}}) {
+    const Folder folder;
+    FilmOptions options;
+    options.codec = codec;
+    options.key_every = 1;
+    options.height = 64;  // the least of libsvtav1
+    options.damaged = 3;
+    write_film(folder / name, 30, options);
+    const auto images = video_frames(folder / name, folder.path());
+    ASSERT_EQ(images->frames(), 30) << codec;
+    for (int frame = 0; frame < 30; ++frame)
+      if (frame == 3)
+        EXPECT_TRUE(contains(error_of([&] { picture_at(*images, 3); }), "frame 3: cannot be decoded")) << codec;
+      else
+        EXPECT_EQ(number_of(*images, frame), frame) << codec;
+  }
 }
 
 }  // namespace
