@@ -19,7 +19,6 @@
 #include "env_service/files/times.h"
 #include "env_service/geometry/geometry.h"
 #include "env_service/images/image_sources.h"
-#include "env_service/streets/osm.h"
 
 namespace citylearn {
 
@@ -45,8 +44,7 @@ Traversal FolderDataset::checked(const std::string& name) {
 }
 
 std::shared_ptr<const StreetGraph> FolderDataset::streets() {
-  if (const std::string extract = osm_ ? "" : osm_extract_in(folder_); !extract.empty())
-    osm_ = std::make_shared<const StreetGraph>(StreetGraph::from_osm(extract));
+  if (!osm_) osm_ = StreetGraph::find_osm_in(folder_);
   return osm_;
 }
 
@@ -75,7 +73,7 @@ void FolderDataset::show_links(Traversal& traversal) {
                 folder_, "add a track or poses, or give --rule line");
   if (coverage().part->links() == 0)
     throw Error("no streets lead there and back of which all recordings have a view (" + coverage().summary + ")",
-                folder_, "move recordings of other places away; they need a position every 25 m");
+                folder_, "move recordings of other places away; one needs a position every 25 m, and to close a loop");
   if (traversal.images) traversal.images = picked(traversal.images, shown->second);
   traversal.keep(shown->second);
   show_states(traversal, *coverage().part, rule_, traversal.name);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/streets/osm.h"
-
+// Streets of OpenStreetMap, as part of street_graph.h.
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <map>
 #include <osmium/io/any_compression.hpp>
@@ -16,9 +16,11 @@
 #include <osmium/osm/relation.hpp>
 #include <osmium/osm/way.hpp>
 #include <osmium/thread/pool.hpp>
+#include <protozero/pbf_reader.hpp>
 #include <tuple>
 
 #include "core/util/error.h"
+#include "core/util/text.h"
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"
 #include "env_service/geometry/geometry.h"
@@ -85,11 +87,27 @@ void each_object(const std::string& path, osmium::osm_entity_bits::type types,
   while (const osmium::memory::Buffer buffer = reader.read())
     for (const auto& object : buffer.select<osmium::OSMObject>())
       if (object.visible()) use(object);
-  // libosmium takes a size of 0 for the end, as where a download that was broken off is filled up with zeros.
-  if (path.ends_with(".pbf") && reader.offset() < reader.file_size())
-    throw Error(fmt::format("is damaged after {} of its {} bytes", reader.offset(), reader.file_size()), path,
-                kGetAgain);
   reader.close();
+}
+
+/// Throws Error where a PBF does not consist of whole blobs. libosmium takes a size of 0 for the end, as where zeros
+/// fill up a download that was broken off.
+void check_blobs(const std::string& path) {
+  constexpr protozero::pbf_tag_type kBlobSize = 3;  // field datasize of BlobHeader
+  std::ifstream file(path, std::ios::binary);
+  const std::uintmax_t size = std::filesystem::file_size(path);
+  std::string header;
+  for (std::uintmax_t at = 0, end = 0; at < size; at = end) {
+    std::array<unsigned char, 4> length{};
+    file.seekg(static_cast<std::streamoff>(at)).read(reinterpret_cast<char*>(length.data()), length.size());
+    header.assign(std::size_t{length[2]} << 8 | length[3], '\0');  // it has less than 64 KiB
+    file.read(header.data(), static_cast<std::streamsize>(header.size()));
+    end = at + length.size() + header.size();
+    protozero::pbf_reader fields(header);
+    while (file && fields.next(kBlobSize)) end += static_cast<std::uint32_t>(fields.get_int32());
+    if (!file || header.empty() || end > size)
+      throw Error(fmt::format("is damaged after {} of its {} bytes", at, size), path, kGetAgain);
+  }
 }
 
 OsmWays read_ways(const std::string& path) {
@@ -160,20 +178,20 @@ struct OsmNodes {
 OsmPieces cut_ways(const OsmWays& found, const OsmNodes& nodes) {
   constexpr std::size_t kNone = -1;
   OsmPieces pieces;
-  for (const auto& [first, end, along, back] : found.ways) {
+  for (const CarWay& way : found.ways) {
     const auto node_at = [&](std::size_t i) {
-      const std::size_t node = i < end ? nodes.find(found.nodes[i].ref()) : kNone;
-      return i < end && nodes.locations[node].valid() ? node : kNone;
+      const std::size_t node = i < way.end ? nodes.find(found.nodes[i].ref()) : kNone;
+      return i < way.end && nodes.locations[node].valid() ? node : kNone;
     };
     std::size_t before = kNone;
-    for (std::size_t i = first; i < end; ++i) {
+    for (std::size_t i = way.first; i < way.end; ++i) {
       const std::size_t node = node_at(i);
       const bool inside = before != kNone && node != kNone && node_at(i + 1) != kNone && nodes.uses[node] == 1;
       if (inside && nodes.metres(before, node) < kNearestNodes) continue;
       if (before != kNone && node != kNone && before != node) {
-        auto& [on, back_again] = pieces[std::minmax(before, node)];
-        on |= before < node ? along : back;
-        back_again |= before < node ? back : along;
+        auto& [on, back] = pieces[std::minmax(before, node)];
+        on |= before < node ? way.along : way.back;
+        back |= before < node ? way.back : way.along;
       }
       before = node;
     }
@@ -183,14 +201,15 @@ OsmPieces cut_ways(const OsmWays& found, const OsmNodes& nodes) {
 
 }  // namespace
 
-std::string osm_extract_in(const std::string& folder) {
+std::shared_ptr<const StreetGraph> StreetGraph::find_osm_in(const std::string& folder) {
   const std::vector<std::string> found = files_in(folder, {".pbf", ".osm", ".osm.gz", ".osm.bz2"});
   if (found.size() > 1)
     throw Error("has two extracts of a map, " + found[0] + " and " + found[1], folder, "keep one of them");
-  return found.empty() ? "" : below(folder, found[0]);
+  return found.empty() ? nullptr : std::make_shared<const StreetGraph>(from_osm(below(folder, found[0])));
 }
 
 StreetGraph StreetGraph::from_osm(const std::string& path) try {
+  if (lower(path).ends_with(".pbf")) check_blobs(path);
   const OsmWays found = read_ways(path);
   const OsmNodes nodes(path, found.nodes);
   StreetGraph graph;

@@ -289,11 +289,12 @@ std::vector<std::string> StreetGraph::description() const {
     const StreetPlace& place = places_[from];
     ++spots[spot(place)];
     junctions += place.links.size() > 2;
-    dead_ends += place.links.size() == 1;
     for (const StreetLink& link : place.links) {
       const StreetPlace& end = places_[static_cast<std::size_t>(link.to)];
-      one_way += std::none_of(end.links.begin(), end.links.end(),
-                              [&](const StreetLink& back) { return back.to == static_cast<int>(from); });
+      const bool two_way = std::any_of(end.links.begin(), end.links.end(),
+                                       [&](const StreetLink& back) { return back.to == static_cast<int>(from); });
+      one_way += !two_way;
+      dead_ends += two_way && place.links.size() == 1;
       if (link.metres < kOneSpot) continue;
       const double off =
           turned(heading_between(place.latitude, place.longitude, end.latitude, end.longitude) - link.heading);
@@ -316,7 +317,8 @@ std::vector<std::string> StreetGraph::description() const {
   say(apart, "places that cannot be reached from the others, or not left for them", "add links, or leave them out");
   say(opposed, "links that head over 45 degrees off from the positions of their ends",
       "agents go by the headings: check those of long links");
-  say(shared, "places at the spot of another", "join them, or take --rule street: streetlearn goes by positions");
+  if (about_.empty())  // on bridges that is right
+    say(shared, "places at the spot of another", "join them, or take --rule street: streetlearn goes by positions");
   return lines;
 }
 

@@ -46,6 +46,9 @@ class StreetGraph {
   /// crossing and bend, and between them about every 10 m; crossings are where ways share a node. Throws Error naming
   /// the file: damaged, without streets, or larger than msg::MAX_FRAMES.
   static StreetGraph from_osm(const std::string& path);
+  /// Reads the extract of a folder (.osm.pbf, .osm, .osm.gz, .osm.bz2). Returns null where there is none. Throws Error
+  /// likewise, and naming two where there are several.
+  static std::shared_ptr<const StreetGraph> find_osm_in(const std::string& folder);
 
   /// Returns the largest part in which each place can be reached from each, by way of these links (in the order in
   /// which they were read, L), of a map that was not read from text files. `kept` becomes the links of the part, in the

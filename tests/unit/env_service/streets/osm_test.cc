@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Streets of OpenStreetMap: reading extracts, and recordings as views of them.
-#include "env_service/streets/osm.h"
-
 #include <set>
 
 #include "core/files/files.h"
@@ -45,24 +43,15 @@ class OsmText {
   int ways_ = 0;
 };
 
-/// Returns the links between nodes, "1>2", and for those through places between them only the outer ones.
+/// Returns the links between nodes, "n1>n2". The places between those are called n1-n2.1 and so on.
 std::set<std::string> streets_of(const StreetGraph& graph) {
   std::set<std::string> found;
-  const auto& places = graph.places();
-  const auto is_node = [&](int place) {
-    return places[static_cast<std::size_t>(place)].id.find('.') == std::string::npos;
-  };
-  for (std::size_t from = 0; from < places.size(); ++from)
-    for (StreetLink link : places[from].links) {
-      if (!is_node(static_cast<int>(from))) continue;
-      int before = static_cast<int>(from);
-      while (!is_node(link.to)) {  // a place between two nodes has one link on and perhaps one back
-        const auto& on = places[static_cast<std::size_t>(link.to)].links;
-        const int at = link.to;
-        link = on[0].to != before ? on[0] : on.at(1);
-        before = at;
-      }
-      found.insert(places[from].id + ">" + places[static_cast<std::size_t>(link.to)].id);
+  for (const StreetPlace& place : graph.places())
+    for (const StreetLink& link : place.links) {
+      std::string to = graph.places()[static_cast<std::size_t>(link.to)].id;
+      if (const std::size_t dash = to.find('-'), dot = to.find('.'); dot != to.npos)
+        to = to.substr(0, dash) == place.id ? to.substr(dash + 1, dot - dash - 1) : to.substr(0, dash);
+      if (place.id.find('.') == place.id.npos) found.insert(place.id + ">" + to);
     }
   return found;
 }
@@ -195,7 +184,8 @@ TEST_F(Osm, WrongExtractsEndInOneLine) {
   large.node(1, 0, 0).node(2, 8e6, 0).way({1, 2}, "highway=residential");
   EXPECT_TRUE(
       holds(told("a.osm", large.text()), "has streets with more than 1048576 links (cut a part out: osmium extract"));
-  EXPECT_TRUE(holds(error_of([&] { osm_extract_in(folder_.path()); }), "two extracts of a map, a.osm and a.osm.bz2"));
+  EXPECT_TRUE(
+      holds(error_of([&] { StreetGraph::find_osm_in(folder_.path()); }), "two extracts of a map, a.osm and a.osm.bz2"));
 }
 
 /// Frames each metre along stops (metres), of two features: east and north.
