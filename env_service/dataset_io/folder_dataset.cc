@@ -73,7 +73,7 @@ void FolderDataset::show_links(Traversal& traversal) {
                 folder_, "add a track or poses, or give --rule line");
   if (coverage().part->links() == 0)
     throw Error("no streets lead there and back of which all recordings have a view (" + coverage().summary + ")",
-                folder_, "move recordings of other places away; one needs a position every 25 m, and to close a loop");
+                folder_, "move recordings of other places away; one needs a position every 15 m, and to close a loop");
   if (traversal.images) traversal.images = picked(traversal.images, shown->second);
   traversal.keep(shown->second);
   show_states(traversal, *coverage().part, rule_, traversal.name);

@@ -12,7 +12,7 @@
 namespace citylearn {
 namespace {
 
-constexpr double kViewReach = 15;  // metres from a link's beginning: recordings with a frame every 25 m have no holes
+constexpr double kViewReach = 15;  // metres from a link's beginning: recordings with a frame every 15 m have no holes
 constexpr double kViewTurn = 45;   // degrees between the way of a recording and a link
 constexpr double kDirectionStep = 5;  // metres: nearer positions differ by the receiver's error, not by the way
 constexpr double kDirectionGap = 50;  // metres: between positions farther apart a street may turn

@@ -259,7 +259,7 @@ StreetGraph StreetGraph::from_osm(const std::string& path) try {
     if (count > 0) part.about_ += fmt::format(", {} {}{}", what, count, remark);
   if (part.links_ == 0)
     throw Error("has no streets on which cars can go there and back (" + part.about_ + ")", path,
-                "take an extract with the ways of highway=residential and the like, and their nodes");
+                "take a whole extract, with ways of highway=residential and the like, and their nodes");
   return part;
 } catch (const Error&) {
   throw;
