@@ -8,6 +8,7 @@
 #include "core/task/live.h"
 #include "core/util/text.h"
 #include "env_service/files/files.h"
+#include "env_service/streets/street_graph.h"
 
 namespace citylearn {
 namespace {
@@ -22,8 +23,8 @@ constexpr Foreign kForeign[] = {
      "make recordings of its episodes: python3 -m citylearn.lerobot DATASET FOLDER, with the Python package"},
     {".bag", "is a bag of ROS 1, which is not read", "convert it: rosbags-convert --src FILE.bag --dst FOLDER"},
     {".ldb", "has StreetLearn in a folder of its own", "--data names that folder", "streetlearn"},
-    {".pbf", "is a street map, not a recording", "--data names a folder of recordings"},
-    {".osm", "is a street map, not a recording", "--data names a folder of recordings"},
+    {".pbf", "is a street map, not a recording", "put it beside recordings with positions, for --rule street"},
+    {".osm", "is a street map, not a recording", "put it beside recordings with positions, for --rule street"},
 };
 constexpr long kMaxVisited = 100'000;  // files
 
@@ -96,6 +97,11 @@ std::vector<std::string> recognised(const std::string& folder) {
 Error unknown_traversal(const std::string& name, const std::string& where, const std::vector<std::string>& known) {
   if (known.empty()) return no_traversals(where);
   return Error("no traversal '" + name + "'", where, "there are: " + joined(known));
+}
+
+std::vector<std::string> Dataset::describe_streets() {
+  const auto map = streets();
+  return map ? map->description() : std::vector<std::string>();
 }
 
 std::vector<std::pair<int, int>> Dataset::matches(const std::string& a, const std::string& b) {

@@ -54,6 +54,8 @@ class Dataset {
   virtual std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b);
   /// Returns the map of streets that it has; null where it has none.
   virtual std::shared_ptr<const StreetGraph> streets() { return nullptr; }
+  /// Returns lines for a person about that map: what there is, what may be wrong, what recordings show of it.
+  virtual std::vector<std::string> describe_streets();
   /// Makes load() return what is seen in each state under `rule`, where there is a map, or frames in a line. Unset: as
   /// the frames fit. Datasets without a map ignore it.
   void walk_by(std::optional<StateRule> rule) { rule_ = rule; }

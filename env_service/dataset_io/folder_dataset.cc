@@ -2,6 +2,7 @@
 #include "env_service/dataset_io/folder_dataset.h"
 
 #include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cctype>
@@ -11,6 +12,8 @@
 #include "core/files/files.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/places.h"
+#include "env_service/dataset_io/street_coverage.h"
+#include "env_service/dataset_io/street_views.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/files/times.h"
@@ -26,12 +29,54 @@ FolderDataset::FolderDataset(const std::string& dataset, const std::string& fold
 
 Traversal FolderDataset::load(const std::string& name) {
   require_known(name);
+  Traversal traversal = checked(name);
+  if (on_streets() && !traversal.streets && streets()) show_links(traversal);
+  return traversal;
+}
+
+Traversal FolderDataset::checked(const std::string& name) {
   Traversal traversal = read(name);
   traversal.condition = condition(name);
   if (std::any_of(traversal.positions.begin(), traversal.positions.end(), [](float x) { return std::isinf(x); }))
     throw Error("traversal '" + name + "' has places that are too far apart to measure", folder_, "mend its positions");
   if (drives() && !traversal.streets) forget_impossible(traversal, folder_);
   return traversal;
+}
+
+std::shared_ptr<const StreetGraph> FolderDataset::streets() {
+  if (!osm_) osm_ = StreetGraph::find_osm_in(folder_);
+  return osm_;
+}
+
+std::vector<std::string> FolderDataset::describe_streets() {
+  std::vector<std::string> lines = Dataset::describe_streets();
+  if (osm_) lines.push_back(coverage().summary);
+  return lines;
+}
+
+const StreetCoverage& FolderDataset::coverage() {
+  if (!coverage_)
+    coverage_ = std::make_shared<const StreetCoverage>(
+        find_coverage(*osm_, names(), [this](const std::string& name) { return checked(name); }));
+  return *coverage_;
+}
+
+/// Makes the frames of a recording those of the links of the extract that it shows.
+void FolderDataset::show_links(Traversal& traversal) {
+  if (rule_ != StateRule::kStreet)
+    throw Error("a map of OpenStreetMap is walked along its links", "--rule", "take street");
+  spdlog::info(osm_->description()[0]);
+  spdlog::info(coverage().summary);
+  const auto shown = coverage().frames.find(traversal.name);
+  if (shown == coverage().frames.end())
+    throw Error("traversal '" + traversal.name + "' has no latitude and longitude that say which streets it shows",
+                folder_, "add a track or poses, or give --rule line");
+  if (coverage().part->links() == 0)
+    throw Error("no streets lead there and back of which all recordings have a view (" + coverage().summary + ")",
+                folder_, "move recordings of other places away; one needs a position every 15 m, and to close a loop");
+  if (traversal.images) traversal.images = picked(traversal.images, shown->second);
+  traversal.keep(shown->second);
+  show_states(traversal, *coverage().part, rule_, traversal.name);
 }
 
 void FolderDataset::require_known(const std::string& name) {

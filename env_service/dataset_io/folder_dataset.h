@@ -10,6 +10,8 @@
 
 namespace citylearn {
 
+struct StreetCoverage;
+
 /// A dataset that reads one folder. Every Error names the folder or file.
 class FolderDataset : public Dataset {
  public:
@@ -17,6 +19,10 @@ class FolderDataset : public Dataset {
   FolderDataset(const std::string& dataset, const std::string& folder, const std::string& contents);
   /// Reads the traversal and sets its condition. Throws Error when names() does not have `name`.
   Traversal load(const std::string& name) final;
+  /// Returns the streets of the extract of OpenStreetMap in the folder, null where there is none. Under --rule street
+  /// each of their links shows the frames that were taken there (StreetCoverage).
+  std::shared_ptr<const StreetGraph> streets() override;
+  std::vector<std::string> describe_streets() final;
 
  protected:
   virtual Traversal read(const std::string& name) = 0;
@@ -48,6 +54,15 @@ class FolderDataset : public Dataset {
   Traversal recorded(const std::string& name, const std::string& path) const;
 
   const std::string dataset_, folder_;
+
+ private:
+  /// Returns a traversal as read() does, with its condition and without impossible places.
+  Traversal checked(const std::string& name);
+  const StreetCoverage& coverage();
+  void show_links(Traversal& traversal);
+
+  std::shared_ptr<const StreetGraph> osm_;          ///< null: not read, or not there
+  std::shared_ptr<const StreetCoverage> coverage_;  ///< null: not found yet
 };
 
 /// Creates a dataset that has a constructor from folder and parameters.

@@ -54,10 +54,7 @@ class Plain : public FolderDataset {
     return matches_file().empty() ? Correspondence::kIndex : Correspondence::kMatches;
   }
 
-  std::shared_ptr<const StreetGraph> streets() override {
-    if (!streets_) streets_ = StreetGraph::find_in(folder_);
-    return streets_;
-  }
+  std::shared_ptr<const StreetGraph> streets() override { return own_map() ? own_map() : FolderDataset::streets(); }
 
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
     return matches_file().empty() ? Dataset::matches(a, b) : read_matches(matches_file(), a, b);
@@ -71,8 +68,14 @@ class Plain : public FolderDataset {
   Traversal read(const std::string& name) override {
     const std::vector<std::string> paths = sources().at(name);
     Traversal traversal = recorded_at(name, paths);
-    if (const auto map = rule_ == StateRule::kLine ? nullptr : streets()) show_states(traversal, *map, rule_, paths[0]);
+    if (const auto map = rule_ == StateRule::kLine ? nullptr : own_map()) show_states(traversal, *map, rule_, paths[0]);
     return traversal;
+  }
+
+  /// Returns the map of nodes.txt and links.txt, null where they are not there.
+  std::shared_ptr<const StreetGraph> own_map() {
+    if (!own_map_) own_map_ = StreetGraph::find_in(folder_);
+    return own_map_;
   }
 
   Traversal recorded_at(const std::string& name, const std::vector<std::string>& paths) const {
@@ -274,7 +277,7 @@ class Plain : public FolderDataset {
   }
 
   const double clock_offset_;                   ///< seconds
-  std::shared_ptr<const StreetGraph> streets_;  ///< null: not read, or not there
+  std::shared_ptr<const StreetGraph> own_map_;  ///< null: not read, or not there
 };
 
 /// A robot on a route that it was taught, which is a traversal of Plain.
@@ -297,7 +300,7 @@ const DatasetRegistry::Registration plain_registration({
     "plain",
     "a folder (--data) of traversals: NAME.csv (one frame a line, comma-separated features, no header), a folder NAME "
     "of pictures, or a video NAME.mp4; NAME.poses.csv, a track NAME.gpx, EXIF data and matches.csv may give places, "
-    "nodes.txt and links.txt a map of streets",
+    "nodes.txt and links.txt, or an extract of OpenStreetMap, a map of streets",
     {{"clock-offset",
       "seconds by which a track's clock is ahead of the frames'; of films that do not say when they began: from the "
       "track's first point to second 0",

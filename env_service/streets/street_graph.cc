@@ -237,9 +237,48 @@ StreetMap StreetGraph::map(std::vector<std::uint32_t>& rows) const {
   return map;
 }
 
-std::vector<std::string> StreetGraph::description() const {
+std::vector<bool> StreetGraph::strong_places(const std::function<bool(int line)>& use) const {
   using Graph = boost::compressed_sparse_row_graph<boost::directedS>;
   std::vector<std::pair<std::size_t, std::size_t>> ends;
+  for (std::size_t from = 0; from < places_.size(); ++from)
+    for (const StreetLink& link : places_[from].links)
+      if (use(link.line)) ends.emplace_back(from, static_cast<std::size_t>(link.to));
+  std::vector<std::size_t> parts(places_.size()), sizes(places_.size() + 1);
+  const Graph graph(boost::edges_are_unsorted_multi_pass, ends.begin(), ends.end(), places_.size());
+  boost::strong_components(graph,
+                           boost::make_iterator_property_map(parts.begin(), boost::get(boost::vertex_index, graph)));
+  for (const std::size_t part : parts) ++sizes[part];
+  const auto largest = static_cast<std::size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
+  std::vector<bool> strong;
+  for (const std::size_t part : parts) strong.push_back(part == largest);
+  return strong;
+}
+
+StreetGraph StreetGraph::strong_part(std::vector<bool>& kept) const {
+  const std::vector<bool> strong = strong_places([&](int line) { return kept[static_cast<std::size_t>(line)]; });
+  StreetGraph part;
+  part.where_ = where_;
+  part.about_ = about_;
+  std::vector<std::pair<int, const StreetLink*>> links(links_);  // with the places that they leave, by line
+  std::vector<int> places(places_.size(), -1);                   // in the part
+  for (std::size_t from = 0; from < places_.size(); ++from) {
+    for (const StreetLink& link : places_[from].links)
+      links[static_cast<std::size_t>(link.line)] = {static_cast<int>(from), &link};
+    if (!strong[from]) continue;
+    places[from] = static_cast<int>(part.places_.size());
+    const StreetPlace& place = places_[from];
+    part.add({place.id, place.yaw, place.latitude, place.longitude});
+  }
+  for (std::size_t line = 0; line < links_; ++line) {
+    const auto& [from, link] = links[line];
+    const int start = places[static_cast<std::size_t>(from)], end = places[static_cast<std::size_t>(link->to)];
+    kept[line] = kept[line] && start >= 0 && end >= 0;
+    if (kept[line]) part.add_link(start, end, static_cast<int>(part.links_), &link->heading);
+  }
+  return part;
+}
+
+std::vector<std::string> StreetGraph::description() const {
   std::size_t junctions = 0, dead_ends = 0, one_way = 0;
   Finding opposed, shared, apart;
   std::map<std::pair<long, long>, int> spots;  // places, by 1e-7 degrees, a centimetre
@@ -250,31 +289,27 @@ std::vector<std::string> StreetGraph::description() const {
     const StreetPlace& place = places_[from];
     ++spots[spot(place)];
     junctions += place.links.size() > 2;
-    dead_ends += place.links.size() == 1;
     for (const StreetLink& link : place.links) {
       const StreetPlace& end = places_[static_cast<std::size_t>(link.to)];
-      ends.emplace_back(from, static_cast<std::size_t>(link.to));
-      one_way += std::none_of(end.links.begin(), end.links.end(),
-                              [&](const StreetLink& back) { return back.to == static_cast<int>(from); });
+      const bool two_way = std::any_of(end.links.begin(), end.links.end(),
+                                       [&](const StreetLink& back) { return back.to == static_cast<int>(from); });
+      one_way += !two_way;
+      dead_ends += two_way && place.links.size() == 1;
       if (link.metres < kOneSpot) continue;
       const double off =
           turned(heading_between(place.latitude, place.longitude, end.latitude, end.longitude) - link.heading);
       if (std::min(off, 360 - off) > kOpposed) opposed.add(position_of(link));
     }
   }
-  std::vector<std::size_t> parts(places_.size()), sizes(places_.size());
-  const Graph graph(boost::edges_are_unsorted_multi_pass, ends.begin(), ends.end(), places_.size());
-  boost::strong_components(graph,
-                           boost::make_iterator_property_map(parts.begin(), boost::get(boost::vertex_index, graph)));
-  for (const std::size_t part : parts) ++sizes[part];
-  const auto largest = static_cast<std::size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
+  const std::vector<bool> strong = strong_places([](int) { return true; });
   for (std::size_t place = 0; place < places_.size(); ++place) {
-    if (parts[place] != largest) apart.add(places_[place].id);
+    if (!strong[place]) apart.add(places_[place].id);
     if (spots[spot(places_[place])] > 1) shared.add(places_[place].id);
   }
   std::vector<std::string> lines{
       fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}", places_.size(), links_,
                   junctions, dead_ends, one_way)};
+  if (!about_.empty()) lines.insert(lines.begin(), about_);
   const auto say = [&](const Finding& finding, const char* what, const char* remedy) {
     if (finding.count > 0)
       lines.push_back(fmt::format("streets: {}: {}, the first {} ({})", what, finding.count, finding.first, remedy));
@@ -282,7 +317,8 @@ std::vector<std::string> StreetGraph::description() const {
   say(apart, "places that cannot be reached from the others, or not left for them", "add links, or leave them out");
   say(opposed, "links that head over 45 degrees off from the positions of their ends",
       "agents go by the headings: check those of long links");
-  say(shared, "places at the spot of another", "join them, or take --rule street: streetlearn goes by positions");
+  if (about_.empty())  // on bridges that is right
+    say(shared, "places at the spot of another", "join them, or take --rule street: streetlearn goes by positions");
   return lines;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -41,7 +42,20 @@ class StreetGraph {
   /// are at one spot (1 cm) it is the yaw of the place that the link leaves, as a direction does not exist there.
   /// Throws Error naming the folder and what is wrong.
   static StreetGraph from_leveldb(const LevelDb& database);
+  /// Reads the streets for cars of an extract of OpenStreetMap, their largest strong component: a place at each
+  /// crossing and bend, and between them about every 10 m; crossings are where ways share a node. Throws Error naming
+  /// the file: damaged, without streets, or larger than msg::MAX_FRAMES.
+  static StreetGraph from_osm(const std::string& path);
+  /// Reads the extract of a folder (.osm.pbf, .osm, .osm.gz, .osm.bz2). Returns null where there is none. Throws Error
+  /// likewise, and naming two where there are several.
+  static std::shared_ptr<const StreetGraph> find_osm_in(const std::string& folder);
 
+  /// Returns the largest part in which each place can be reached from each, by way of these links (in the order in
+  /// which they were read, L), of a map that was not read from text files. `kept` becomes the links of the part, in the
+  /// same order.
+  StreetGraph strong_part(std::vector<bool>& kept) const;
+  std::size_t links() const { return links_; }
+  const std::string& where() const { return where_; }  ///< the file or key that has the links
   const std::vector<StreetPlace>& places() const { return places_; }
   /// Returns the map in order, places by their indices, in metres from the first one; and in `rows` which link each
   /// was, in the order in which they were read. Throws Error that names a link to a place that cannot be left.
@@ -65,12 +79,15 @@ class StreetGraph {
   /// These return what is wrong, and add nothing then; an empty text when nothing is.
   std::string add(StreetPlace place);
   std::string add_link(int from, int to, int line, const double* heading);
+  /// Returns which places are in the largest strong component, by way of links whose line `use` takes.
+  std::vector<bool> strong_places(const std::function<bool(int line)>& use) const;
   std::string position_of(const StreetLink& link) const { return where_ + ":" + std::to_string(link.line); }
 
   std::vector<StreetPlace> places_;
   std::unordered_map<std::string, int> index_;  // of places_, by id
   std::size_t links_ = 0;
   std::string where_;  // the links are
+  std::string about_;  // a line for a person: what was read, and what was left out; or empty
 };
 
 /// Returns the picture within a panorama of StreetLearn as it is published, part of `panorama`. Throws Error naming

@@ -158,12 +158,15 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   std::set<std::string> failed;
   std::vector<Traversal> traversals;
   long all = 0;
+  std::string no_streets;
   try {
     if (const auto streets = dataset.streets()) {
-      inspection.notes = streets->description();
-      taken.insert({"nodes.txt", "links.txt", "graph/nodes.txt", "graph/links.txt"});
+      taken.insert(
+          {"nodes.txt", "links.txt", "graph/nodes.txt", "graph/links.txt", path_below(streets->where(), folder)});
+      inspection.notes = dataset.describe_streets();
     }
-  } catch (const Error&) {  // traversals cannot be loaded then, and say why
+  } catch (const Error& error) {
+    no_streets = error.what();
   }
   for (const std::string& name : dataset.names()) try {
       taken.insert(name + ".poses.csv");
@@ -183,6 +186,7 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
       failed.insert(name);
       taken.insert(name);
     }
+  if (failed.empty() && !no_streets.empty()) inspection.faults.push_back({"streets", -1, "", no_streets});
   for (const Traversal& one : traversals)
     if (one.dimension != traversals[0].dimension && one.dimension > 0 && traversals[0].dimension > 0)
       inspection.faults.push_back({one.name, -1, "",
