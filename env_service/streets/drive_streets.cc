@@ -7,6 +7,7 @@
 #include <boost/graph/compressed_sparse_row_graph.hpp>
 #include <boost/graph/strong_components.hpp>
 #include <cmath>
+#include <complex>
 #include <cstdlib>
 #include <map>
 #include <optional>
@@ -19,7 +20,7 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kMaxLines = 20;                            // of meetings
+constexpr std::size_t kMaxMeetings = 20;                         // that a description names
 constexpr double kMinReach = 1, kMaxReach = 8, kReachSteps = 4;  // metres, and usual steps of the drive
 constexpr int kNeighbours = 64;        // steps before and after one that may tell its direction
 constexpr double kMinStep = 0.25;      // of the usual one: a vehicle that gets on less stands
@@ -29,9 +30,10 @@ constexpr double kBend = 4;            // times the reach
 constexpr double kStay = 1.5;          // times the reach, within which a drive stays where it is on its earlier way
 const double kAlong = std::sqrt(0.5);  // cosine of directions that are one
 
-Point minus(const Point& a, const Point& b) { return {a.x - b.x, a.y - b.y}; }
-double dot(const Point& a, const Point& b) { return a.x * b.x + a.y * b.y; }
-double cross(const Point& a, const Point& b) { return a.x * b.y - a.y * b.x; }
+using Vector = std::complex<double>;  // metres to the east and to the north
+
+double dot(Vector a, Vector b) { return (std::conj(a) * b).real(); }
+double cross(Vector a, Vector b) { return (std::conj(a) * b).imag(); }
 
 class DriveReader {
  public:
@@ -41,84 +43,82 @@ class DriveReader {
     choose_steps(drive);
     find_directions();
     join();
-  }
-  DriveStreets streets() {
     find_meetings();
     link();
     if (streets_.map.links() == 0)
       throw Error(fmt::format("never comes back to within {:.1f} m of where it was", streets_.reach), where_,
                   "it is a line: leave out --rule");
-    return std::move(streets_);
   }
+  DriveStreets streets() { return std::move(streets_); }
 
  private:
   /// A frame where the vehicle got on.
   struct Step {
     int frame;
-    Point at;
-    double height, along;  ///< metres; the height may be unknown
-    Point direction = {0};
-    int merged = -1;    ///< the earlier step along whose way this one is
-    int crossing = -1;  ///< the earlier step with which this one is one place
+    Vector at;
+    double height, along;   ///< metres; the height may be unknown
+    Vector direction = {};  ///< of length 1
+    int merged = -1;        ///< the earlier step along whose way this one is
+    int crossing = -1;      ///< the earlier step with which this one is one place
+
+    Point point() const { return {at.real(), at.imag()}; }
   };
 
   Step& step(int index) { return steps_[static_cast<std::size_t>(index)]; }
   int count() const { return static_cast<int>(steps_.size()); }
+  double metres(int a, int b) { return std::abs(step(a).at - step(b).at); }
   int place(int index) {
     while (step(index).crossing >= 0) index = step(index).crossing;
     return index;
   }
   /// Returns the step of an earlier way that this one is on, or itself.
   int on(int index) { return step(index).merged < 0 ? index : step(index).merged; }
+  /// Returns how far it is from a step to its neighbours; 0 over gaps.
+  double gap(int index) {
+    double most = 0;
+    for (const int other : {std::max(index - 1, 0), std::min(index + 1, count() - 1)})
+      if (metres(index, other) <= kMaxSteps * usual_) most = std::max(most, metres(index, other));
+    return most;
+  }
+  bool one_height(int a, int b) { return !(std::abs(step(a).height - step(b).height) > kHeights); }
 
   void choose_steps(const Drive& drive) {
     std::vector<double> moves;
-    std::optional<double> before;
-    const auto known = [&](std::size_t i) { return std::isfinite(drive.east[i]) && std::isfinite(drive.north[i]); };
     for (std::size_t i = 0; i < drive.east.size(); ++i) {
-      if (!known(i)) ++streets_.unknown;
-      if (!known(i) || !std::isfinite(drive.along[i])) continue;
-      if (before && drive.along[i] > *before) moves.push_back(drive.along[i] - *before);
-      before = drive.along[i];
+      if (!std::isfinite(drive.east[i] + drive.north[i] + drive.along[i])) {
+        ++streets_.unknown;
+        continue;
+      }
+      const double moved = steps_.empty() ? 0 : drive.along[i] - steps_.back().along;
+      if (moved > 0) moves.push_back(moved);
+      steps_.push_back({static_cast<int>(i),
+                        {drive.east[i], drive.north[i]},
+                        drive.height.empty() ? 0 : drive.height[i],
+                        drive.along[i]});
     }
     if (moves.empty()) throw Error("stands, or fewer than two of its frames have places", where_, "leave out --rule");
-    std::nth_element(moves.begin(), moves.begin() + static_cast<std::ptrdiff_t>(moves.size() / 2), moves.end());
-    usual_ = moves[moves.size() / 2];
+    const auto middle = moves.begin() + static_cast<std::ptrdiff_t>(moves.size() / 2);
+    std::nth_element(moves.begin(), middle, moves.end());
+    usual_ = *middle;
     streets_.reach = std::max(drive.receiver, std::clamp(kReachSteps * usual_, kMinReach, kMaxReach));
-    for (std::size_t i = 0; i < drive.east.size(); ++i) {
-      const Point at{drive.east[i], drive.north[i]};
-      if (known(i) && std::isfinite(drive.along[i]) &&
-          (steps_.empty() || (drive.along[i] - steps_.back().along >= kMinStep * usual_ &&
-                              metres_between(at, steps_.back().at) >= kMinStep * usual_)))
-        steps_.push_back({static_cast<int>(i), at, drive.height.empty() ? 0 : drive.height[i], drive.along[i]});
-    }
+    const double least = kMinStep * usual_;
+    std::erase_if(steps_, [&, last = std::optional<Step>()](const Step& one) mutable {
+      if (last && (one.along - last->along < least || std::abs(one.at - last->at) < least)) return true;
+      last = one;
+      return false;
+    });
   }
 
   /// Takes directions from places a quarter of the reach away on both sides, as those of neighbours are noisy.
   void find_directions() {
     for (int i = 0; i < count(); ++i) {
       int before = i, after = i;
-      const auto near = [&](int other) {
-        return std::abs(other - i) < kNeighbours && metres_between(step(other).at, step(i).at) < streets_.reach / 4;
-      };
-      while (before > 0 && near(before)) --before;
-      while (after + 1 < count() && near(after)) ++after;
-      const Point way = minus(step(after).at, step(before).at);
-      const double metres = std::hypot(way.x, way.y);
-      step(i).direction = metres > 0 ? Point{way.x / metres, way.y / metres} : Point{0, 1};
+      while (before > std::max(i - kNeighbours, 0) && metres(before, i) < streets_.reach / 4) --before;
+      while (after + 1 < std::min(i + kNeighbours, count()) && metres(after, i) < streets_.reach / 4) ++after;
+      const Vector way = step(after).at - step(before).at;
+      step(i).direction = way == Vector() ? Vector(0, 1) : way / std::abs(way);
     }
   }
-
-  /// Returns how far it is from a step to its neighbours; 0 over gaps.
-  double gap(int index) {
-    double most = 0;
-    for (const int other : {index - 1, index + 1})
-      if (other >= 0 && other < count())
-        if (const double metres = metres_between(step(index).at, step(other).at); metres <= kMaxSteps * usual_)
-          most = std::max(most, metres);
-    return most;
-  }
-  bool one_height(int a, int b) { return !(std::abs(step(a).height - step(b).height) > kHeights); }
 
   /// Finds which steps are on the earlier way.
   void join() {
@@ -129,13 +129,13 @@ class DriveReader {
     std::vector<Grid::Near> near;
     for (int i = 0; i < count(); ++i) {
       Step& now = step(i);
-      grid.near(now.at, near);
+      grid.near(now.point(), near);
       const double reach = streets_.reach * (i > 0 && step(i - 1).merged >= 0 ? kStay : 1);
       double least = side;
       for (const auto& [other, metres] : near) {
         const Step& earlier = step(other);
         const double cosine = dot(now.direction, earlier.direction), back = now.along - earlier.along;
-        const Point away = minus(now.at, earlier.at);
+        const Vector away = now.at - earlier.at;
         if (std::abs(cosine) < kAlong || back <= (cosine > 0 ? kBend : 1) * streets_.reach || !one_height(i, other) ||
             std::abs(cross(earlier.direction, away)) > reach ||
             std::abs(dot(earlier.direction, away)) > std::max(gap(other), usual_) || metres >= least)
@@ -144,23 +144,23 @@ class DriveReader {
         now.merged = other;
       }
       if (i > 0) cross_earlier(i, near);
-      if (now.merged < 0) grid.add(now.at, i);
+      if (now.merged < 0) grid.add(now.point(), i);
     }
   }
 
   /// Joins the way to step i, where it crosses those near, with them.
   void cross_earlier(int i, const std::vector<Grid::Near>& near) {
-    const Point from = step(i - 1).at, way = minus(step(i).at, from);
-    if (std::hypot(way.x, way.y) > kMaxSteps * usual_) return;
-    for (const auto& [other, metres] : near) {
+    const Vector from = step(i - 1).at, way = step(i).at - from;
+    for (const auto& [other, away] : near) {
       if (other + 1 >= i || step(other + 1).merged >= 0 ||
           step(i).along - step(other + 1).along <= kBend * streets_.reach)
         continue;
-      const Point start = step(other).at, earlier = minus(step(other + 1).at, start);
-      const double across = cross(way, earlier), length = std::hypot(earlier.x, earlier.y);
-      if (length > kMaxSteps * usual_ || std::abs(dot(way, earlier)) >= kAlong * std::hypot(way.x, way.y) * length)
+      const Vector start = step(other).at, earlier = step(other + 1).at - start;
+      const double across = cross(way, earlier);
+      if (std::max(std::abs(way), std::abs(earlier)) > kMaxSteps * usual_ ||
+          std::abs(dot(way, earlier)) >= kAlong * std::abs(way) * std::abs(earlier))
         continue;
-      const double share = cross(minus(start, from), earlier) / across, there = cross(minus(start, from), way) / across;
+      const double share = cross(start - from, earlier) / across, there = cross(start - from, way) / across;
       if (share < 0 || share > 1 || there < 0 || there > 1) continue;
       const int then = there < 0.5 ? other : other + 1;
       if (std::min(std::abs(on(i - 1) - then), std::abs(on(i) - then)) <= 1) continue;  // it is on that way
@@ -194,10 +194,9 @@ class DriveReader {
     std::map<std::pair<int, int>, int> links;  // the places at their ends, and the step that shows them
     for (int i = 1, at = 0, seen = 0; i < count(); ++i) {
       const int to = on(i), way = to > at ? 1 : -1;
-      if (to == at || (step(i).merged >= 0 && dot(minus(step(to).at, step(at).at), step(i).direction) <= 0)) continue;
+      if (to == at || (step(i).merged >= 0 && dot(step(to).at - step(at).at, step(i).direction) <= 0)) continue;
       // A drive with longer steps passes places of the earlier way, which it is on all the same.
-      bool along =
-          std::abs(step(to).along - step(at).along) <= kStay * metres_between(step(to).at, step(at).at) + usual_;
+      bool along = std::abs(step(to).along - step(at).along) <= kStay * metres(to, at) + usual_;
       for (int between = at; along && between != to; between += way) along = step(between + way).merged < 0;
       for (int next; at != to; at = next) {
         next = along ? at + way : to;
@@ -220,15 +219,15 @@ class DriveReader {
     for (int i = 0; i < count(); ++i) {
       if (on(i) != i || place(i) != i || !kept(i)) continue;
       index[static_cast<std::size_t>(i)] = static_cast<int>(map.places());
-      map.east.push_back(static_cast<float>(step(i).at.x - step(0).at.x));
-      map.north.push_back(static_cast<float>(step(i).at.y - step(0).at.y));
+      map.east.push_back(static_cast<float>((step(i).at - step(0).at).real()));
+      map.north.push_back(static_cast<float>((step(i).at - step(0).at).imag()));
     }
     const auto at = [&](int i) { return index[static_cast<std::size_t>(place(on(i)))]; };
     for (const auto& [two, seen] : links) {
       if (!kept(two.first) || !kept(two.second)) continue;
       map.from.push_back(static_cast<std::uint32_t>(at(two.first)));
       map.to.push_back(static_cast<std::uint32_t>(at(two.second)));
-      map.heading.push_back(static_cast<float>(std::atan2(step(seen).direction.x, step(seen).direction.y) / kDegree));
+      map.heading.push_back(static_cast<float>(90 - std::arg(step(seen).direction) / kDegree));
       shown.push_back(step(seen).frame);
     }
     if (map.links() == 0) return;
@@ -266,16 +265,16 @@ std::vector<std::string> DriveStreets::description() const {
                   map.places(), map.links(), with([](auto& others) { return others.size() > 2; }),
                   with([](auto& others) { return others.size() == 1; }), one_way,
                   frames - static_cast<int>(std::set<int>(shown.begin(), shown.end()).size()), apart, unknown)};
-  for (const DriveMeeting& one : meetings) {
+  for (std::size_t i = 0; i < std::min(meetings.size(), kMaxMeetings); ++i) {
+    const DriveMeeting& one = meetings[i];
     const std::string line = one.first == one.last
                                  ? fmt::format("frame {} meets frame {}", one.first, one.earlier_first)
                                  : fmt::format("frames {} to {} run along frames {} to {}", one.first, one.last,
                                                one.earlier_first, one.earlier_last);
     lines.push_back(fmt::format("streets: {} ({:.0f} degrees)", line, one.degrees));
-    if (lines.size() <= kMaxLines) continue;
-    lines.back() = fmt::format("streets: and {} meetings more", meetings.size() + 1 - kMaxLines);
-    break;
   }
+  if (meetings.size() > kMaxMeetings)
+    lines.push_back(fmt::format("streets: and {} more meetings", meetings.size() - kMaxMeetings));
   return lines;
 }
 
