@@ -42,7 +42,8 @@ class OnnxPolicy : public Policy {
  private:
   void act(const msg::Observation& seen, const EvaluatedTasks::Batch& batch, std::vector<std::uint8_t>& choice) {
     const int features = policy_.features > 0 ? policy_.features : static_cast<int>(seen.feature_dimension());
-    read_observation(seen, features, policy_.first_frame, policy_.frames, true, inputs_, batch);
+    read_observation(seen, {.features = features, .reference = {}}, policy_.first_frame, policy_.frames, true, inputs_,
+                     batch);
     std::map<std::string, cv::Mat> rows;
     for (const auto& [name, width] : policy_.inputs) rows[name] = cv::Mat::zeros(kColumns, width, CV_32F);
     EvaluatedTasks::each_agent(batch, [&](int column, int agent) {

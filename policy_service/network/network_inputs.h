@@ -68,11 +68,15 @@ struct NetworkInputs {
   auto features_of(std::ptrdiff_t column) const { return features.col(seen[static_cast<std::size_t>(column)]); }
   /// Returns the number of the view that `column` shows on streets, augmented or not; -1: unknown.
   int view(std::size_t column) const { return shown[column] >= 0 ? shown[column] % frames : augmented(shown[column]); }
-  /// Returns what `shown` is of a view whose features are augmented, and the other way round.
-  static int augmented(int view) { return view == -1 ? -1 : -2 - view; }
+  /// Returns what `shown` is of a view whose features are the agent's own, as augmented ones are.
+  static int own(const NetworkTask& task, std::int64_t view) {
+    return task.streets ? augmented(static_cast<int>(view)) : -1;
+  }
   auto features_of(std::ptrdiff_t column) { return features.col(seen[static_cast<std::size_t>(column)]); }
 
  private:
+  static int augmented(int view) { return view == -1 ? -1 : -2 - view; }  // and the other way round
+
   std::vector<int> column_of_;  ///< by place, column of `features`; -1 where the place was not seen
 };
 
