@@ -117,10 +117,15 @@ ExportedPolicy::ExportedPolicy(const std::string& path)
   name = file.metadata.at("agent");
   if (const auto found = file.metadata.find("data"); found != file.metadata.end())
     data = TrainingData::parse(found->second, path);
+  places = number("places");
   features = inputs.contains("features") ? inputs.at("features") : 0;
 }
 
-std::unique_ptr<Policy> exported_policy(const ExportedPolicy& policy, std::uint64_t seed) {
+std::unique_ptr<Policy> exported_policy(const ExportedPolicy& policy, std::uint64_t seed, const Streets& on) {
+  require_kind(policy.places, on);
+  if (on.states && (on.states->places() != policy.places || on.states->states() != policy.frames))
+    throw Error("learned on other streets, of " + std::to_string(policy.places) + " places", "policy",
+                "load its checkpoint instead of the model");
   return std::make_unique<OnnxPolicy>(policy, evaluation_choice_seed(seed));
 }
 

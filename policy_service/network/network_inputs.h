@@ -32,11 +32,12 @@ struct NetworkTask {
   int sparse_from = kSparsePlaces;               ///< from so many places on, beliefs over them are sparse
   std::shared_ptr<const StateMap> streets = {};  ///< null: a line of N places
   float goal_radius = 0;                         ///< metres; on streets a goal is also reached at places within it
+  int goals = 0;                                 ///< places of streets whose map is not here; 0: a line
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }
   /// Returns the number of places, which goals are.
-  int places() const { return streets ? streets->places() : frames; }
+  int places() const { return streets ? streets->places() : goals > 0 ? goals : frames; }
   /// Returns where actions lead.
   std::shared_ptr<const StateMap> map() const { return streets ? streets : std::make_shared<const StateMap>(frames); }
 };

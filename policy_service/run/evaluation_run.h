@@ -43,6 +43,7 @@ class EvaluationRun {
   void evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
                 const std::vector<std::string>& traversals);
   Evaluation::MakePolicy agent_policy();
+  bool learned_on(const std::string& traversal) const;
   std::vector<std::string> known(const std::string& name, std::vector<std::string> traversals) const;
   Evaluation::MakePolicy control(const std::string& name);
   Matrix<float> reference();
