@@ -36,6 +36,12 @@ struct Route {
   int max_detour = 0;    ///< limits an episode to this multiple of its fewest steps too; 0: does not
 };
 
+/// The map that agents walk on.
+struct Streets {
+  std::shared_ptr<const StateMap> states;  ///< null: a line
+  std::uint64_t hash = 0;                  ///< of the map
+};
+
 /// Several environments on one traversal, each with some agents, that step together. Used by one thread at a time.
 class EnvGroup {
  public:
@@ -48,7 +54,7 @@ class EnvGroup {
     std::vector<int> service_agents;  ///< of each environment
     int features = 0;                 ///< D
     int traversal_frames = 0;
-    std::shared_ptr<const StateMap> streets = {};  ///< null: a line
+    Streets streets = {};
   };
 
   virtual ~EnvGroup() = default;

@@ -23,12 +23,37 @@ class FunctionPolicy : public Policy {
 
 }  // namespace
 
-TrainedAgent load_agent(const std::string& path) { return trained_agent(read_checkpoint(path)); }
+TrainedAgent load_agent(const std::string& path) {
+  const Checkpoint checkpoint = read_checkpoint(path);
+  TrainedAgent agent = unbuilt_agent(checkpoint);
+  return agent.places > 0 ? agent : trained_agent(checkpoint);  // its network is built for the streets it walks on
+}
 
-std::unique_ptr<Policy> agent_policy(const TrainedAgent& agent, std::uint64_t seed) {
+Streets streets_of(const Recording& recording) {
+  const Traversal& traversal = recording.traversal;
+  return {traversal.states(), traversal.streets ? traversal.streets->hash() : 0};
+}
+
+bool learned_on(const TrainedAgent& agent, const Streets& streets) {
+  return agent.data.known() ? agent.data.traversals.front().streets_hash == streets.hash
+                            : agent.places == (streets.states ? streets.states->places() : 0);
+}
+
+void require_kind(int places, const Streets& on) {
+  if ((places > 0) == (on.states != nullptr)) return;
+  throw Error(places > 0 ? "learned on streets, here is a line" : "learned on a line, here are streets", "policy",
+              "choose the recording; ActingPolicy is told the streets by envs=");
+}
+
+std::unique_ptr<Policy> agent_policy(TrainedAgent agent, std::uint64_t seed, const Streets& on,
+                                     const Matrix<float>& reference) {
+  require_kind(agent.places, on);
+  if (on.states && reference.cols() % on.states->states() != 0)
+    throw Error("learned on other streets", "policy '" + agent.name + "'", "evaluate() knows these by train=");
+  if (on.states) agent.build_network(on.states, reference, 0);
   NetworkPolicy::Options options;
   options.seed = evaluation_choice_seed(seed);
-  return std::make_unique<NetworkPolicy>(agent, options);
+  return std::make_unique<NetworkPolicy>(std::move(agent), options);
 }
 
 std::unique_ptr<Policy> control_policy(const std::string& name, const std::map<std::string, double>& parameters,

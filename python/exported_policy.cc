@@ -42,7 +42,8 @@ class OnnxPolicy : public Policy {
  private:
   void act(const msg::Observation& seen, const EvaluatedTasks::Batch& batch, std::vector<std::uint8_t>& choice) {
     const int features = policy_.features > 0 ? policy_.features : static_cast<int>(seen.feature_dimension());
-    read_observation(seen, features, policy_.first_frame, policy_.frames, true, inputs_, batch);
+    read_observation(seen, {.features = features, .reference = {}}, policy_.first_frame, policy_.frames, true, inputs_,
+                     batch);
     std::map<std::string, cv::Mat> rows;
     for (const auto& [name, width] : policy_.inputs) rows[name] = cv::Mat::zeros(kColumns, width, CV_32F);
     EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
@@ -116,10 +117,15 @@ ExportedPolicy::ExportedPolicy(const std::string& path)
   name = file.metadata.at("agent");
   if (const auto found = file.metadata.find("data"); found != file.metadata.end())
     data = TrainingData::parse(found->second, path);
+  places = number("places");
   features = inputs.contains("features") ? inputs.at("features") : 0;
 }
 
-std::unique_ptr<Policy> exported_policy(const ExportedPolicy& policy, std::uint64_t seed) {
+std::unique_ptr<Policy> exported_policy(const ExportedPolicy& policy, std::uint64_t seed, const Streets& on) {
+  require_kind(policy.places, on);
+  if (on.states && (on.states->places() != policy.places || on.states->states() != policy.frames))
+    throw Error("learned on other streets, of " + std::to_string(policy.places) + " places", "policy",
+                "load its checkpoint instead of the model");
   return std::make_unique<OnnxPolicy>(policy, evaluation_choice_seed(seed));
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/environment.h"
 #include "python/env_group.h"
+#include "python/evaluation.h"
 
 namespace citylearn::python {
 namespace {
@@ -11,7 +12,7 @@ class LocalGroup : public EnvGroup {
       : environments_(services, Environment(recording.traversal, agents, recording.imperfections)) {
     const Traversal& traversal = recording.traversal;
     shape_ = {traversal.name,      agents * services, std::vector(static_cast<std::size_t>(services), agents),
-              traversal.dimension, traversal.frames,  traversal.states()};
+              traversal.dimension, traversal.frames,  streets_of(recording)};
   }
 
   const Shape& shape() const override { return shape_; }

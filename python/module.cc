@@ -86,7 +86,7 @@ class Envs {
   /// Returns the fewest steps on streets from states to places, an agent each.
   py::array_t<std::int64_t> fewest_steps(const py::array_t<std::int64_t>& states,
                                          const py::array_t<std::int64_t>& goals) {
-    if (!distances_) distances_.emplace(*shape().streets);
+    if (!distances_) distances_.emplace(*shape().streets.states);
     py::array_t<std::int64_t> steps(ArrayShape{states.size()});
     for (py::ssize_t i = 0; i < states.size(); ++i)
       steps.mutable_at(i) = distances_->to(static_cast<int>(goals.at(i)))(static_cast<int>(states.at(i)));
@@ -95,7 +95,7 @@ class Envs {
 
   /// Returns the place of each state, and the heading that it looks to; empty on a line.
   py::tuple states() const {
-    const StateMap* const streets = shape().streets.get();
+    const StateMap* const streets = shape().streets.states.get();
     const py::ssize_t count = streets ? streets->states() : 0;
     py::array_t<std::int64_t> places(ArrayShape{count});
     py::array_t<float> headings(ArrayShape{count});
@@ -172,6 +172,9 @@ std::unique_ptr<Policy> python_policy(py::function act, int dimension, int first
 template <class T>
 using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
+constexpr std::uint32_t kNoFrame = 1 << 23;  // beyond all frames, and twice that is exact in a network's state
+static_assert(kNoFrame > msg::MAX_FRAMES);
+
 /// Returns one action per agent for observations as VectorEnv has them. `start[b]`: agent b begins an episode.
 Actions act(Policy& policy, const Array<float>& features, const Array<std::int64_t>& goal,
             const Array<std::int64_t>& previous_action, const Array<bool>& mask, const Array<bool>& start,
@@ -194,8 +197,13 @@ Actions act(Policy& policy, const Array<float>& features, const Array<std::int64
     seen.allowed().push_back(static_cast<std::uint8_t>(allowed));
     seen.flags().push_back(start.data()[agent] ? msg::FLAG_FIRST : 0);
   }
-  seen.frame().assign(seen.goal().size(), ~0u);  // none known: agents share no features
-  seen.position() = seen.goal();                 // of no use to these agents
+  // Which frames these are is not known: their features tell them apart, by numbers that no frame has.
+  for (py::ssize_t agent = 0; agent < agents; ++agent) {
+    const char* const bytes = reinterpret_cast<const char*>(features.data() + agent * dimension);
+    const std::size_t of = std::hash<std::string_view>()({bytes, static_cast<std::size_t>(dimension) * sizeof(float)});
+    seen.frame().push_back(kNoFrame + static_cast<std::uint32_t>(of % kNoFrame));
+  }
+  seen.position() = seen.goal();  // of no use to these agents
   std::vector<std::uint8_t> choice;
   policy.act(seen, choice);
   Actions actions(ArrayShape{agents});
@@ -267,6 +275,7 @@ void define_environments(py::module_& module) {
       .def(py::init<>())
       .def_property_readonly("traversals", &TrainingData::names)
       .def_readonly("source", &TrainingData::source);
+  py::class_<Streets>(module, "Streets").def(py::init<>()).def_readonly("hash", &Streets::hash);
   py::class_<Recording, std::shared_ptr<Recording>>(module, "Recording")
       .def(py::init([](const Keywords& options, const TrainingData& learned) {
              const py::gil_scoped_release no_gil;
@@ -276,6 +285,7 @@ void define_environments(py::module_& module) {
       .def_property_readonly("name", [](const Recording& one) { return one.traversal.name; })
       .def_property_readonly("frames", [](const Recording& one) { return one.traversal.frames; })
       .def_property_readonly("on_streets", [](const Recording& one) { return one.traversal.streets != nullptr; })
+      .def_property_readonly("streets", &streets_of)
       .def_property_readonly("features", [](const Recording& one) { return one.traversal.dimension; })
       .def("feature",
            [](const Recording& one, int frame) {
@@ -304,7 +314,8 @@ void define_environments(py::module_& module) {
       .def_property_readonly("features", [](const Envs& envs) { return envs.shape().features; })
       .def_property_readonly("traversal", [](const Envs& envs) { return envs.shape().traversal; })
       .def_property_readonly("frames", [](const Envs& envs) { return envs.shape().traversal_frames; })
-      .def_property_readonly("on_streets", [](const Envs& envs) { return envs.shape().streets != nullptr; })
+      .def_property_readonly("on_streets", [](const Envs& envs) { return envs.shape().streets.states != nullptr; })
+      .def_property_readonly("streets", [](const Envs& envs) { return envs.shape().streets; })
       .def_property_readonly("states", &Envs::states)
       .def("fewest_steps", &Envs::fewest_steps)
       .def("reset", &Envs::reset)
@@ -324,6 +335,8 @@ void define_evaluation(py::module_& module) {
       .def_readonly("first_frame", &TrainedAgent::first_frame)
       .def_readonly("update", &TrainedAgent::update)
       .def_readonly("data", &TrainedAgent::data)
+      .def_readonly("places", &TrainedAgent::places)
+      .def("learned_on", &learned_on)
       .def_property_readonly("frames", [](const TrainedAgent& agent) { return agent.task.frames; })
       .def_property_readonly("features", [](const TrainedAgent& agent) { return agent.task.features; })
       .def_property_readonly("reference", [](const TrainedAgent& agent) { return agent.task.reference; });

@@ -241,6 +241,7 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
                   "leave it out");
   TraversalContents contents{
       traversal.name, traversal.hash(), 0, "", traversal.dataset, static_cast<std::uint32_t>(traversal.frames)};
+  if (traversal.streets) contents.streets_hash = traversal.streets->hash();
   recording.images = traversal.images;
   if (traversal.images) contents.encoder = encode(traversal, *dataset, options, learned);
   contents.feature_dimension = static_cast<std::uint32_t>(traversal.dimension);

@@ -37,7 +37,7 @@ class RemoteGroup : public EnvGroup {
     shape_.traversal = options.traversal;
     shape_.features = static_cast<int>(envs_.front()->info.feature_dimension());
     shape_.traversal_frames = static_cast<int>(envs_.front()->info.frames());
-    shape_.streets = envs_.front()->streets;
+    shape_.streets = {envs_.front()->streets, envs_.front()->info.streets_hash()};
     for (const EnvHandle* env : envs_)
       shape_.agents += shape_.service_agents.emplace_back(static_cast<int>(env->info.agents()));
     node_.report(msg::RUNNING, "driven by Python");

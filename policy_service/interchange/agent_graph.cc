@@ -39,9 +39,12 @@ OnnxValue AgentGraph::position() {
   return known("position", 1, "place stood at on the route, 0 .. frames - 1: the frame less first_frame");
 }
 OnnxValue AgentGraph::previous_action() {
-  return known("previous_action", kActions, "one-hot stay, next, previous; zeros at an episode's start");
+  return known("previous_action", kActions, "one-hot " + actions() + "; zeros at an episode's start");
 }
-OnnxValue AgentGraph::allowed() { return known("allowed", kActions, "stay, next, previous: 1 = allowed, 0 = not"); }
+OnnxValue AgentGraph::allowed() { return known("allowed", kActions, actions() + ": 1 = allowed, 0 = not"); }
+std::string AgentGraph::actions() const {
+  return agent_.task.goals > 0 ? "left, forward, right" : "stay, next, previous";
+}
 OnnxValue AgentGraph::first() {
   return known("first", 1, "1 = first observation of an episode: the state before it is wiped; else 0");
 }
@@ -68,7 +71,7 @@ void AgentGraph::finish(const OnnxValue& heads, const OnnxValue& next_state) {
   // Allowed: the logit; not allowed: kMasked. Nothing is lost to rounding in either.
   const OnnxValue logits = columns(heads, 0, kActions) * allowed();
   output("logits", logits + -static_cast<float>(kMasked) * (allowed() + -1), kActions,
-         "of stay, next, previous; -1e9 where not allowed. Their softmax is the policy");
+         "of " + actions() + "; -1e9 where not allowed. Their softmax is the policy");
   output("value", columns(heads, kActions, kActions + 1), 1, "discounted reward to come, as estimated");
   output("next_state", next_state, state_size_, "to be given as state with the next observation");
 }

@@ -39,6 +39,7 @@ class AgentGraph : public OnnxGraph {
 
  private:
   OnnxValue known(const std::string& name, std::int64_t width, const std::string& help);
+  std::string actions() const;  ///< their names, in order
 
   const TrainedAgent& agent_;
   int state_size_;

@@ -37,6 +37,7 @@ ExportedAgent read_exported_agent(const ExportOptions& options) {
                        {"features", std::to_string(agent.task.features)},
                        {"network", given.dump()},
                        {"checkpoint_sha256", sha256(read_file(options.checkpoint))}};
+  if (agent.places > 0) exported.metadata["places"] = std::to_string(agent.places);
   if (agent.data.known()) exported.metadata["data"] = agent.data.text();
   if (!options.parameters.empty()) {
     load_parameters(options.parameters, agent);

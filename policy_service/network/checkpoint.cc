@@ -172,7 +172,7 @@ TrainedAgent unbuilt_agent(const Checkpoint& checkpoint) {
     agent.task.features = header.at("task").at("features").get<int>();
     agent.task.frames = header.at("task").at("frames").get<int>();
     agent.first_frame = header.at("task").at("first_frame").get<int>();
-    agent.places = header.at("task").value("places", 0);
+    agent.places = agent.task.goals = header.at("task").value("places", 0);
     agent.task.reference = checkpoint.tensors.at("reference");
     agent.network_parameters = header.at("network").get<std::map<std::string, double>>();
     agent.parameters = checkpoint.tensors.at("learner.parameters").reshaped();
@@ -189,11 +189,16 @@ TrainedAgent unbuilt_agent(const Checkpoint& checkpoint) {
 
 TrainedAgent trained_agent(const Checkpoint& checkpoint) {
   TrainedAgent agent = unbuilt_agent(checkpoint);
-  if (agent.places > 0)
-    throw Error("its agent walks on streets and has no map of its own", "checkpoint",
-                "evaluate it with policy_service, where an env_service hosts streets");
   agent.build_network(agent.task);
   return agent;
+}
+
+void TrainedAgent::build_network(std::shared_ptr<const StateMap> streets, const Matrix<float>& reference,
+                                 float goal_radius) {
+  NetworkTask on{.features = task.features, .frames = streets->states(), .reference = reference};
+  on.goal_radius = goal_radius;
+  on.streets = std::move(streets);
+  build_network(std::move(on));
 }
 
 void TrainedAgent::build_network(NetworkTask on) {

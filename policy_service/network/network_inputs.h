@@ -32,11 +32,12 @@ struct NetworkTask {
   int sparse_from = kSparsePlaces;               ///< from so many places on, beliefs over them are sparse
   std::shared_ptr<const StateMap> streets = {};  ///< null: a line of N places
   float goal_radius = 0;                         ///< metres; on streets a goal is also reached at places within it
+  int goals = 0;                                 ///< places of streets whose map is not here; 0: a line
 
   /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }
   /// Returns the number of places, which goals are.
-  int places() const { return streets ? streets->places() : frames; }
+  int places() const { return streets ? streets->places() : goals > 0 ? goals : frames; }
   /// Returns where actions lead.
   std::shared_ptr<const StateMap> map() const { return streets ? streets : std::make_shared<const StateMap>(frames); }
 };
@@ -68,11 +69,15 @@ struct NetworkInputs {
   auto features_of(std::ptrdiff_t column) const { return features.col(seen[static_cast<std::size_t>(column)]); }
   /// Returns the number of the view that `column` shows on streets, augmented or not; -1: unknown.
   int view(std::size_t column) const { return shown[column] >= 0 ? shown[column] % frames : augmented(shown[column]); }
-  /// Returns what `shown` is of a view whose features are augmented, and the other way round.
-  static int augmented(int view) { return view == -1 ? -1 : -2 - view; }
+  /// Returns what `shown` is of a view whose features are the agent's own, as augmented ones are.
+  static int own(const NetworkTask& task, std::int64_t view) {
+    return task.streets ? augmented(static_cast<int>(view)) : -1;
+  }
   auto features_of(std::ptrdiff_t column) { return features.col(seen[static_cast<std::size_t>(column)]); }
 
  private:
+  static int augmented(int view) { return view == -1 ? -1 : -2 - view; }  // and the other way round
+
   std::vector<int> column_of_;  ///< by place, column of `features`; -1 where the place was not seen
 };
 

@@ -26,10 +26,12 @@ struct TrainedAgent {
 
   /// Builds the network for a task. An agent that learned on streets walks on any others too.
   void build_network(NetworkTask on);
+  /// Builds it for streets. `reference`: features of theirs, as NetworkTask has them.
+  void build_network(std::shared_ptr<const StateMap> streets, const Matrix<float>& reference, float goal_radius);
 };
 
 /// Returns the agent in a checkpoint. Throws Error when the header is incomplete or the network unknown, or when it
-/// learned on streets: a checkpoint has no map.
+/// learned on streets and its network needs their map: a checkpoint has none.
 TrainedAgent trained_agent(const Checkpoint& checkpoint);
 /// Returns the same without its network, which build_network() makes.
 TrainedAgent unbuilt_agent(const Checkpoint& checkpoint);

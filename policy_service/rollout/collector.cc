@@ -226,15 +226,12 @@ bool Collector::act(int environment, const msg::Observation& observation, const 
   if (env.full) throw Error("its segment is full", "environment " + std::to_string(environment));
   p.check(env, observation);
   const auto agents = static_cast<std::size_t>(env.agents);
-  read_observation(observation, p.task.features, p.options.first_frame, p.frames, p.augments(), env.seen, {},
-                   env.experience);
+  read_observation(observation, p.task, p.options.first_frame, p.frames, p.augments(), env.seen, {}, env.experience);
   p.normalise(env, env.seen.features.leftCols(env.seen.distinct));
   if (env.step > 0) p.end_action(env, observation, parameters);  // an observation that does not fit changes nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (env.seen.first[agent]) p.begin_episode(env, agent);
     const auto column = static_cast<std::ptrdiff_t>(agent);
-    if (p.task.streets && p.augments())
-      env.seen.shown[agent] = NetworkInputs<float>::augmented(static_cast<int>(observation.frame()[agent]));
     p.augment_features(env, column, observation.frame()[agent], env.seen.features_of(column));
   }
   ++env.step;
@@ -308,7 +305,7 @@ float Collector::Impl::final_value(EnvState& env, const Vector<float>& parameter
   NetworkInputs<float>& inputs = env.single.inputs;
   inputs.resize(task.features, 1, 1);
   inputs.frames = frames;
-  inputs.see(0, task.streets ? NetworkInputs<float>::augmented(static_cast<int>(frame)) : -1, features);
+  inputs.see(0, NetworkInputs<float>::own(task, frame), features);
   inputs.position[0] = position;
   inputs.allowed[0] = allowed;
   inputs.goal[0] = env.agent[static_cast<std::size_t>(agent)].goal;

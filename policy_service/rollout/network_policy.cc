@@ -25,8 +25,9 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
   return static_cast<std::uint8_t>(action);
 }
 
-void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs, std::span<const int> who, int experience) {
+void read_observation(const msg::Observation& observation, const NetworkTask& task, int first_frame, int frames,
+                      bool own, NetworkInputs<float>& inputs, std::span<const int> who, int experience) {
+  const int features = task.features;
   const std::size_t agents = observation.goal().size();
   if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
     throw Error(
@@ -72,7 +73,10 @@ void read_observation(const msg::Observation& observation, int features, int fir
     const Eigen::Map<const Vector<float>> numbers(
         observation.features().data() + a * static_cast<std::size_t>(features), features);
     inputs.see(static_cast<std::ptrdiff_t>(column),
-               own || shown < 0 || shown >= frames ? -1 : static_cast<int>(shown) + experience * frames, numbers);
+               own                            ? NetworkInputs<float>::own(task, shown)
+               : shown < 0 || shown >= frames ? -1
+                                              : static_cast<int>(shown) + experience * frames,
+               numbers);
   }
 }
 
@@ -103,15 +107,11 @@ void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::ui
 void NetworkPolicy::act(const msg::Observation& observation, const EvaluatedTasks::Batch& batch,
                         std::vector<std::uint8_t>& choice) {
   const bool normalises = agent_.network->normalises();
-  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, normalises, inputs_,
-                   batch);
+  read_observation(observation, agent_.task, agent_.first_frame, agent_.task.frames, normalises, inputs_, batch);
   state_.setZero(states_.rows(), EvaluatedTasks::kColumns);
   EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
     state_.col(column) = states_.col(agent);
     if (normalises) tasks_.normalise(normaliser_, agent, inputs_.features_of(column));
-    if (normalises && agent_.task.streets)
-      inputs_.shown[static_cast<std::size_t>(column)] =
-          NetworkInputs<float>::augmented(static_cast<int>(observation.frame()[static_cast<std::size_t>(agent)]));
     if (inputs_.first[static_cast<std::size_t>(column)])
       random_[static_cast<std::size_t>(agent)] = Random{options_.seed, tasks_.task(agent)};
   });

@@ -28,8 +28,8 @@ void add_beliefs(const AgentNetwork<float>& network, const Matrix<float>& states
 /// own, for the caller to change; else agents that are shown the same frame share them. The traversal is this
 /// `experience` of the route. Throws Error naming the field when the observation has another number of features or
 /// agents, or a frame off the route.
-void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs, std::span<const int> who = {}, int experience = 0);
+void read_observation(const msg::Observation& observation, const NetworkTask& task, int first_frame, int frames,
+                      bool own, NetworkInputs<float>& inputs, std::span<const int> who = {}, int experience = 0);
 
 /// Acts from fixed parameters and keeps the recurrent state along each episode. Idle agents cost little.
 class NetworkPolicy : public Policy {

@@ -29,8 +29,8 @@ namespace {
 /// reason to turn. On a long line the belief is sparse, as place_filter's.
 ///
 /// On streets the belief is over their states and always sparse. A view counts once in an episode: one that errs
-/// would err each time. Takes the action with which the way to the goal begins for most of the belief. After
-/// 4 turns in a row, where headings are fixed 16, it goes forward, because a belief in two states may turn it for ever.
+/// would err each time. Takes the action that leads nearer to the goal for most of the belief, and goes
+/// forward where TurnGuard says so.
 class SequenceFilter : public Policy {
  public:
   SequenceFilter(const ControlTask& task, const Parameters& parameters)
@@ -53,7 +53,7 @@ class SequenceFilter : public Policy {
         task.streets ? static_cast<std::size_t>(task.frames) : std::size_t{SparseBelief<float>::kMaxActive});
     if (task.streets) {
       fields_.emplace(*task.streets, task.goal_radius);
-      max_turns_ = task.streets->states() == StateMap::kHeadings * task.streets->places() ? StateMap::kHeadings : 4;
+      guard_.emplace(*task.streets);
       return;
     }
     inputs_.set_nearness(static_cast<float>(parameters["nearness"]), task.frames);
@@ -152,20 +152,18 @@ class SequenceFilter : public Policy {
     if (step.first) {
       agent.frames.clear();
       agent.distance = fields_->to(step.goal);
-      agent.turns = 0;
     }
+    agent.turns = TurnGuard::after(agent.turns, step.action);
     step.repeated = !agent.frames.insert(frame).second;
   }
 
-  std::uint8_t vote(const SparseStep<float>& step, Agent& agent) const {
+  std::uint8_t vote(const SparseStep<float>& step, const Agent& agent) const {
+    if (guard_->must_go(agent.turns, step.allowed)) return kForward;
     const auto share = votes(step, agent.distance, *task_.streets);
     std::uint8_t best = kNoAction;
     for (const std::uint8_t action : kStreetActions)
       if (step.allowed >> action & 1 && (best == kNoAction || share[action] > share[best])) best = action;
-    agent.turns = best == kForward ? 0 : agent.turns + 1;
-    if (agent.turns <= max_turns_ || !(step.allowed >> kForward & 1)) return best;
-    agent.turns = 0;
-    return kForward;
+    return best;
   }
 
   std::uint8_t walk(const msg::Observation& observation, std::size_t index, int column) {
@@ -209,7 +207,7 @@ class SequenceFilter : public Policy {
   Matrix<float> similarities_, similarity_;  ///< EN x columns, N x columns
   Vector<double> before_, odds_;             ///< N
   std::optional<DistanceFields> fields_;     ///< on streets
-  int max_turns_ = 0;
+  std::optional<TurnGuard> guard_;           ///< likewise
   std::optional<SparseFilter<float>> sparse_filter_;
   std::vector<SparseStep<float>> steps_;  ///< of a batch
   place_filter::SparseInputs<float> inputs_;

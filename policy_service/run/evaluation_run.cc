@@ -46,9 +46,8 @@ Evaluation::MakePolicy EvaluationRun::agent_policy() {
   NetworkPolicy::Options options;
   options.seed = evaluation_choice_seed(context_.options.seed);
   const bool on_streets = agent_->places > 0;
-  NetworkTask elsewhere{agent_->task.features, 0, on_streets ? reference() : Matrix<float>()};
-  elsewhere.goal_radius = context_.options.goal_radius;
-  return [agent = *agent_, on_streets, elsewhere, options](const EnvHandle& env) {
+  return [agent = *agent_, on_streets, known = on_streets ? reference() : Matrix<float>(),
+          radius = context_.options.goal_radius, options](const EnvHandle& env) {
     if (on_streets != env.on_streets())
       throw Error(on_streets ? "is a line, the agent learned on streets" : "has streets, the agent learned on a line",
                   "traversal '" + env.traversal() + "'");
@@ -56,11 +55,8 @@ Evaluation::MakePolicy EvaluationRun::agent_policy() {
     if (agent.data.known() && agent.data.traversals.front().streets_hash != env.info.streets_hash())
       spdlog::info("'{}' has other streets than '{}', where the agent learned", env.traversal(),
                    agent.data.traversals.front().traversal);
-    NetworkTask here = elsewhere;
-    here.streets = env.streets;
-    here.frames = env.streets->states();
     TrainedAgent one = agent;
-    one.build_network(std::move(here));
+    one.build_network(env.streets, known, radius);
     return std::make_unique<NetworkPolicy>(std::move(one), options);
   };
 }
@@ -71,6 +67,12 @@ bool EvaluationRun::remembers() const {
   return agent_ ? agent_->places > 0 && given(options, "--train") : options.agent == "sequence_filter";
 }
 
+/// Returns whether the agent learned on the streets of a traversal, so that it remembers them by itself.
+bool EvaluationRun::learned_on(const std::string& traversal) const {
+  return agent_ && agent_->data.known() &&
+         agent_->data.traversals.front().streets_hash == context_.envs_on(traversal).front()->info.streets_hash();
+}
+
 /// Returns those of the traversals on whose streets an agent or a control of this name can walk: a filter remembers one
 /// map's places.
 std::vector<std::string> EvaluationRun::known(const std::string& name, std::vector<std::string> traversals) const {
@@ -78,13 +80,10 @@ std::vector<std::string> EvaluationRun::known(const std::string& name, std::vect
   const auto remembered = context_.streets_on(context_.options.train.front());
   std::erase_if(traversals, [&](const std::string& traversal) {
     const EnvHandle* env = context_.env_on(traversal);
-    if (!env || !env->streets || env->streets == remembered) return false;
-    const bool own = !remembered && agent_ && agent_->data.known() &&
-                     agent_->data.traversals.front().streets_hash == env->info.streets_hash();
-    if (!own)
-      spdlog::warn("skipping {} on '{}': {}", name, traversal,
-                   remembered ? "its streets are not those of --train" : "no env_service has --train's streets");
-    return !own;
+    if (!env || !env->streets || env->streets == remembered || (!remembered && learned_on(traversal))) return false;
+    spdlog::warn("skipping {} on '{}': {}", name, traversal,
+                 remembered ? "its streets are not those of --train" : "no env_service has --train's streets");
+    return true;
   });
   return traversals;
 }

@@ -44,6 +44,7 @@ class EvaluationRun {
                 const std::vector<std::string>& traversals);
   Evaluation::MakePolicy agent_policy();
   bool remembers() const;
+  bool learned_on(const std::string& traversal) const;
   std::vector<std::string> known(const std::string& name, std::vector<std::string> traversals) const;
   Evaluation::MakePolicy control(const std::string& name);
   const Matrix<float>& reference();

@@ -26,7 +26,8 @@ class Scores(dict):
 def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
     """Returns the agent of a checkpoint (.clk) or of a model that citylearn export wrote (.onnx), with the attributes
     name, features (D), frames (N), first_frame and data: the traversals that it learned from and the options (source)
-    that found them, as far as it says. Raises FileNotFoundError, or ValueError that names the file."""
+    that found them, as far as it says. A checkpoint that learned on streets walks any others too, a model those alone.
+    Raises FileNotFoundError, or ValueError that names the file."""
     with open(path, "rb"):  # Python's own errors for what cannot be opened
         return (_native.ExportedPolicy if str(path).endswith(".onnx") else _native.Agent)(str(path))
 
@@ -34,15 +35,20 @@ def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
 class ActingPolicy:
     """Acts by a policy of load_policy(), with memory of the agents' episodes, as a function that evaluate() takes:
     acting(observations, starts) returns actions (B,) for VectorEnv's observations; starts, bool (B,), says which agents
-    begin an episode. `seed` decides the actions drawn."""
+    begin an episode. `seed` decides the actions drawn. `envs`: the environment that it acts in, whose streets it walks; on
+    a line it may be left out."""
 
-    def __init__(self, policy: _native.Agent | _native.ExportedPolicy, seed: int = 1):
+    def __init__(self, policy: _native.Agent | _native.ExportedPolicy, seed: int = 1, envs: Any = None):
         if not isinstance(policy, (_native.Agent, _native.ExportedPolicy)):
             raise TypeError(f"policy must be what load_policy() returns, is {type(policy).__name__}")
         if policy.name == "baseline":
             raise ValueError("baseline sees positions, which observations do not have; use another policy")
-        make = _native.agent_policy if isinstance(policy, _native.Agent) else _native.exported_policy
-        self._acting, self._first_frame = make(policy, seed_of(seed)), policy.first_frame
+        envs = getattr(getattr(envs, "unwrapped", envs), "_envs", None)  # of an Env they are a VectorEnv
+        streets = getattr(envs, "_envs", envs).streets if envs else _native.Streets()
+        if isinstance(policy, _native.Agent) and streets.hash and not policy.learned_on(streets):
+            raise ValueError(f"policy '{policy.name}' learned on other streets and knows no views of these")
+        self._acting, self._first_frame = _policy_on(policy, seed, streets), policy.first_frame
+        self._streets = bool(streets.hash)
         self._steps, self._believed, self._belief = 0, -2, None
 
     def __call__(self, observations: dict[str, np.ndarray], starts: np.ndarray) -> np.ndarray:
@@ -54,11 +60,11 @@ class ActingPolicy:
         """Returns where the agents believed to stand when they acted last: `places` (B, 8), the likeliest first, with
         their `probabilities`, `entropy` (B,) of the whole belief in bits, `lost` (B,), the probability that an agent is not
         within one place of its likeliest one, and `says_lost`, bool (B,): that is above .7, or the agent was sure of
-        another place a step ago, where this was asked then. None of a policy that has no belief, and of an exported
-        one."""
+        another place a step ago, where this was asked then. On streets places are states, and it says that it is lost by
+        `lost` alone. None of a policy that has no belief, and of an exported one."""
         if self._believed != self._steps and (columns := self._acting.belief(self._first_frame)):
             belief = dict(zip(("places", "probabilities", "entropy", "lost"), columns))
-            goes_on = self._believed == self._steps - 1 and self._belief
+            goes_on = self._believed == self._steps - 1 and not self._streets and self._belief
             before, lost = (self._belief["places"][:, 0], self._belief["lost"]) if goes_on else (belief["places"][:, 0], 1)
             belief["says_lost"] = _native.says_lost(before, np.where(self._starts, 1, lost), belief["places"][:, 0],
                                                     belief["lost"], _native.MAX_LOST)
@@ -82,7 +88,8 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
     frames, max_steps, max_detour: the route, as VectorEnv has it; a checkpoint's own by default. On streets there is no
       control "shuffled".
     train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's own; by default
-      the first one that the policy learned from.
+      the first one that the policy learned from. A checkpoint that walks on other streets than it learned on knows
+      these by it.
     options: as VectorEnv's in process. A policy of load_policy() brings those of its training along: dataset, folder,
       frames, encoder. Other recordings are seen through its encoder, with what that learned in the training. Raises
       ValueError for a recording that differs from the one of its name, or has features of another kind.
@@ -119,14 +126,16 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
     def reference(control: str, recording: Any, route: Any) -> Any:
         if control == "oracle_filter":
             return recording.reference(route)
-        if not control.endswith("_filter"):
+        if not control.endswith("_filter") and not (agent and control == own):
             return _native.Reference()
-        if isinstance(agent, _native.Agent):
+        if isinstance(agent, _native.Agent) and agent.learned_on(recording.streets):
             return agent.reference
         try:
             known = recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}), learned)
         except ValueError as error:
-            raise ValueError(f"train '{train}', whose features control {control} knows: {error}") from None
+            raise ValueError(f"train '{train}', whose features {control} knows: {error}") from None
+        if known.streets.hash != recording.streets.hash:
+            raise ValueError(f"traversal '{recording.name}': walks on other streets than train '{train}'")
         return known.reference(route)
 
     for label in [own, *(control for control in controls if control != own)]:
@@ -139,8 +148,10 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
                              recording, traversal)
             which = own if label == "shuffled" else label
             if agent and which == own:
-                make = _native.agent_policy if isinstance(agent, _native.Agent) else _native.exported_policy
-                acting = make(agent, seed)
+                elsewhere = (isinstance(agent, _native.Agent) and recording.on_streets
+                             and not agent.learned_on(recording.streets))
+                acting = _policy_on(agent, seed, recording.streets,
+                                    reference(which, recording, route) if elsewhere else None)
             elif callable(policy) and which == own:
                 acting = _native.function_policy(_columns(policy), recording.features, route.first_frame)
             else:
@@ -148,6 +159,12 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
                                                 reference(which, recording, route), recording)
             scores[label, recording.name] = _native.evaluate(acting, recording, route, tasks, seed)
     return scores
+
+
+def _policy_on(policy: Any, seed: int, streets: Any, reference: Any = None) -> Any:
+    if isinstance(policy, _native.Agent):
+        return _native.agent_policy(policy, seed_of(seed), streets, reference or policy.reference)
+    return _native.exported_policy(policy, seed_of(seed), streets)
 
 
 def _columns(act: Act) -> Callable[[tuple[np.ndarray, ...]], np.ndarray]:

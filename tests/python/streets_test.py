@@ -2,10 +2,12 @@
 """Environments on a map of streets, in process and over DDS."""
 
 import contextlib
+import json
 import os
 import pty
 import re
 import signal
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -13,7 +15,7 @@ from pathlib import Path
 
 import actors
 from support import BUILD, SOURCE, ClearErrors, walk
-from actors import DOMAIN, running
+from actors import DOMAIN, WHERE, as_options, running
 
 import numpy as np
 
@@ -24,6 +26,100 @@ import citylearn
 HEADING = np.array([90, 0, 270, 180])
 FEWEST = [[0, 1, 2], [2, 0, 1], [1, 0, 2], [2, 1, 0]]  # steps by state and place
 ROWS = np.array([[1, 0.5], [0, 7], [2, 3], [3, 5]])  # as links.txt has them: b-c, a-b, b-a, c-b
+
+
+# As tests/support/streets.h: a dead end, a junction, a one-way link, corridors and corners.
+NODES = [(0, 10), (10, 10), (20, 10), (30, 10), (20, 20), (0, 0), (30, 0)]  # metres east and north
+LINKS = [(0, 90, 1), (0, 180, 5), (1, 90, 2), (1, 270, 0), (2, 0, 4), (2, 90, 3), (2, 270, 1), (3, 180, 6), (4, 180, 2),
+         (5, 0, 0), (5, 90, 6), (6, 0, 3), (6, 270, 5)]
+TASKS = 60
+
+
+class Learned(ClearErrors):
+    """What policy_service learns and evaluates on streets, Python evaluates to the same digits."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
+        cls.write(cls.folder, LINKS)
+        cls.learned = {agent: cls.train(agent) for agent in ("place_filter", "features", "baseline")}
+
+    @staticmethod
+    def write(folder, links):
+        folder.mkdir(exist_ok=True)
+        folder.joinpath("nodes.txt").write_text("".join(
+            f"{i},0,{north / 111195:.9f},{east / 111195:.9f}\n" for i, (east, north) in enumerate(NODES)))
+        folder.joinpath("links.txt").write_text("".join(f"{a},{heading},{b}\n" for a, heading, b in links))
+        day = np.random.default_rng(7).normal(size=(len(links), 16))
+        dusk = day + np.random.default_rng(8).normal(size=day.shape) / 2
+        for name, rows in (("day", day), ("dusk", dusk)):
+            np.savetxt(folder / f"{name}.csv", rows, delimiter=",", fmt="%g")
+
+    @classmethod
+    def train(cls, agent):
+        output = cls.folder / agent
+        data = as_options({"data": cls.folder})
+        services = [subprocess.Popen([BUILD / "env_service/env_service", *as_options(WHERE), *data, "--agents=8",
+                                      "--linger=0", *of]) for of in (["--traversal=day"], ["--traversal=dusk"])]
+        with running(*services, end=signal.SIGTERM):
+            subprocess.run([BUILD / "policy_service/policy_service", *as_options(WHERE), f"--agent={agent}", "--steps=3000",
+                            f"--tasks={TASKS}", "--train=day", "--evaluate=day,dusk", "--seed=3", "--wait=60",
+                            f"--output={output}", *(f"--source={one[2:]}" for one in data)],
+                           check=True, stdout=subprocess.DEVNULL, timeout=200)
+        return json.loads((output / "summary.json").read_text())["evaluate"], next(output.glob("checkpoints/checkpoint-*"))
+
+    def export(self, checkpoint):
+        model = checkpoint.with_suffix(".onnx")
+        return model, subprocess.run([BUILD / "tools/export/citylearn_export", f"--checkpoint={checkpoint}",
+                                      f"--output={model}"], check=False, stderr=subprocess.PIPE, text=True, timeout=100)
+
+    def test_a_checkpoint_has_the_figures_of_policy_service(self):
+        for agent, (expected, checkpoint) in self.learned.items():
+            scores = citylearn.evaluate(citylearn.load_policy(checkpoint), traversals=["day", "dusk"], tasks=TASKS, seed=3)
+            for (_, traversal), score in scores.items():
+                with self.subTest(agent=agent, traversal=traversal):
+                    for name in ("tasks", "completed", "spl", "mean_steps", "reward"):
+                        self.assertAlmostEqual(getattr(score, name), expected[traversal][name], 12, name)
+        self.assertGreater(expected["day"]["spl"], 0)
+
+    def test_models_walk_likewise_and_place_filter_has_none(self):
+        for agent in ("features", "baseline"):
+            expected, checkpoint = self.learned[agent]
+            model, done = self.export(checkpoint)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            score = citylearn.evaluate(citylearn.load_policy(model), tasks=TASKS, seed=3)[agent, "day"]
+            self.assertAlmostEqual(score.spl, expected["day"]["spl"], 2)  # OpenCV rounds differently
+        _, done = self.export(self.learned["place_filter"][1])
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("walks by the map of its streets", done.stderr)
+
+    def test_it_acts_in_an_environment_and_on_other_streets(self):
+        policy = citylearn.load_policy(self.learned["place_filter"][1])
+        same_step = citylearn.AutoresetMode.SAME_STEP
+        env = citylearn.VectorEnv(data=self.folder, traversal="dusk", agents=8, autoreset_mode=same_step)
+        acting = citylearn.ActingPolicy(policy, seed=3, envs=env)
+        observations, infos = env.reset(seed=1)
+        starts, ended, near = np.ones(8, bool), [], []
+        for _ in range(60):
+            actions = acting(observations, starts)
+            near.append(acting.belief()["places"][:, 0] == infos["position"])
+            observations, _, terminated, truncated, infos = env.step(actions)
+            starts = terminated | truncated
+            ended += list(terminated[starts])
+        self.assertGreater(np.mean(ended), 0.9)
+        self.assertGreater(np.mean(near), 0.7)
+        self.expect(ValueError, "learned on streets, here is a line", citylearn.ActingPolicy, policy)
+        other = self.folder / "other"
+        self.write(other, LINKS[:6] + LINKS[6:9] + [(3, 270, 2)] + LINKS[9:])
+        env = citylearn.VectorEnv(data=other, traversal="day")
+        self.expect(ValueError, "learned on other streets", citylearn.ActingPolicy, policy, envs=env)
+        scores = citylearn.evaluate(policy, tasks=TASKS, data=other, traversals=["dusk"], train="day")
+        self.assertGreater(scores["place_filter", "dusk"].spl, 0.8)
+        model, _ = self.export(self.learned["features"][1])
+        self.expect(ValueError, "learned on other streets, of 7 places", citylearn.evaluate, citylearn.load_policy(model),
+                    tasks=9, data=other, traversals=["dusk"])
+        line = {"data": self.folder, "rule": "line", "traversals": ["dusk"]}
+        self.expect(ValueError, "learned on streets, here is a line", citylearn.evaluate, policy, tasks=9, **line)
 
 
 class Streets(ClearErrors):

@@ -251,7 +251,7 @@ class Errors(ClearErrors):
             self.expect(ValueError, "^reference 'summer': .*" + there, VectorEnv, traversal="one", **data)
             data.update(traversal="one", reference="two")
             self.assertEqual(VectorEnv(**data).num_envs, 16)
-            self.expect(ValueError, "^train 'summer', whose features control sequence_filter knows: .*" + there,
+            self.expect(ValueError, "^train 'summer', whose features sequence_filter knows: .*" + there,
                         citylearn.evaluate, "sequence_filter", tasks=5, **data)
         self.expect(ValueError, "'1:20:2' is not FIRST:END", VectorEnv, **{**DRAWN, "frames": "1:20:2"})
         self.expect(TypeError, "max_episode_steps cuts no episode here; give max_steps", VectorEnv,

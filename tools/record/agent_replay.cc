@@ -64,10 +64,10 @@ Traversal seen_by(TrainingData learned, const python::Keywords& keywords) {
 }
 
 int goal_of(const AgentReplayOptions& options, const TrainedAgent& agent) {
-  if (options.goal >= agent.task.frames)
-    throw Error("is beyond the route of " + std::to_string(agent.task.frames) + " places",
+  if (options.goal >= agent.task.places())
+    throw Error("is beyond the route of " + std::to_string(agent.task.places()) + " places",
                 "--goal " + std::to_string(options.goal));
-  return options.goal < 0 ? agent.task.frames - 1 : options.goal;
+  return options.goal < 0 ? agent.task.places() - 1 : options.goal;
 }
 
 AgentReplayed decide(const TrainedAgent& agent, int goal, std::uint64_t seed, const Traversal& seen) {

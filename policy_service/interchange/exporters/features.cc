@@ -9,7 +9,7 @@ const AgentGraphRegistry::Registration features_registration{
        auto graph = std::make_unique<AgentGraph>(agent);
        const OnnxValue sensed =
            graph->concat({static_cast<float>(parameters["scale"]) * graph->features(),
-                          destination(graph->goal(), agent.task.frames, parameters["goal-scale"])});
+                          destination(graph->goal(), agent.task.places(), parameters["goal-scale"])});
        export_lstm(*graph, parameters, graph->layer(sensed, "sensors.weight", "sensors.bias"));
        return graph;
      }}};

@@ -22,9 +22,9 @@ inline void export_lstm(AgentGraph& graph, const Parameters& parameters, const O
   graph.finish(graph.layer(next_h, "heads.weight", "heads.bias"), graph.concat({next_h, next_c}));
 }
 
-/// A place on the route, moved to -0.5..0.5 and scaled.
-inline OnnxValue destination(const OnnxValue& place, int frames, double scale) {
-  return static_cast<float>(scale) * (1.0f / static_cast<float>(frames) * place + -0.5f);
+/// One of so many places or states, moved to -0.5..0.5 and scaled.
+inline OnnxValue destination(const OnnxValue& place, int count, double scale) {
+  return static_cast<float>(scale) * (1.0f / static_cast<float>(count) * place + -0.5f);
 }
 
 }  // namespace citylearn

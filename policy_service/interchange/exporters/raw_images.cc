@@ -34,7 +34,7 @@ std::unique_ptr<AgentGraph> export_raw_images(const Parameters& parameters, cons
   const std::int64_t numbers = graph->tensor("sensors.weight").cols() - 1;
   seen = graph->node("Reshape", {seen, graph->integers({0, numbers})});
   const OnnxValue sensed =
-      graph->concat({seen, destination(graph->goal(), agent.task.frames, parameters["goal-scale"])});
+      graph->concat({seen, destination(graph->goal(), agent.task.places(), parameters["goal-scale"])});
   export_lstm(*graph, parameters, graph->layer(sensed, "sensors.weight", "sensors.bias"));
   return graph;
 }

@@ -344,6 +344,9 @@ const NetworkRegistry<NetworkScalar>::Registration place_filter_registration({
     "a Bayes filter over the training route's places with a decision head",
     PlaceFilter<NetworkScalar>::parameters(),
     [](const Parameters& parameters, const NetworkTask& task) {
+      if (task.goals > 0 && !task.streets)
+        throw Error("walks by the map of its streets, which a checkpoint has not", "network place_filter",
+                    "load the checkpoint in Python, or evaluate it with policy_service; features can be exported");
       return task.streets ? make_street_filter<NetworkScalar>(parameters, task)
                           : std::make_unique<PlaceFilter<NetworkScalar>>(parameters, task);
     },

@@ -10,6 +10,7 @@
 #include "policy_service/network/agents/place_filter.h"
 #include "policy_service/network/autodiff/autodiff_network.h"
 #include "policy_service/network/sparse_filter.h"
+#include "policy_service/network/street_votes.h"
 
 namespace citylearn {
 namespace {
@@ -29,9 +30,7 @@ using namespace place_filter;
 /// is learned: an agent that has learned nothing does what most of its belief asks for. No tensor depends on the map,
 /// so that what is learned on one walks on any other.
 ///
-/// A belief that is torn would turn for ever. Once an agent has turned as often in a row as it takes to face each
-/// heading of a place, turns are masked until it goes forward. They are masked here and not where actions are chosen,
-/// so that a learner knows it.
+/// Turns are masked where TurnGuard says so: here and not where actions are chosen, so that a learner knows it.
 ///
 /// The state is the belief's, then the number of turns in a row, the number of views seen, and the last of these.
 template <class S>
@@ -42,7 +41,7 @@ class StreetFilter : public AutodiffNetwork<S> {
   StreetFilter(const Parameters& parameters, const NetworkTask& task)
       : map_(task.streets),
         goal_radius_(task.goal_radius),
-        max_turns_(std::max(4, headings_of(*map_) - 1)),
+        guard_(*map_),
         keys_(task.reference, task.features, task.frames, /*compact=*/true),
         motion_(told_motion<S>(parameters)) {
     const auto scalar = [&](const char* name, double begin) { return this->bias(name, 1, begin / kStretch); };
@@ -140,12 +139,6 @@ class StreetFilter : public AutodiffNetwork<S> {
   };
 
   static double log_odds(double p) { return std::log(p / (1 - p)); }
-  /// Returns how many headings a place has at most.
-  static int headings_of(const StateMap& map) {
-    std::vector<int> headings(static_cast<std::size_t>(map.places()));
-    for (int state = 0; state < map.states(); ++state) ++headings[static_cast<std::size_t>(map.place(state))];
-    return *std::max_element(headings.begin(), headings.end());
-  }
   static std::vector<int> mirror() {
     std::vector<int> inputs(kInputs);
     for (int input = 0; input < kInputs; ++input) inputs[static_cast<std::size_t>(input)] = input;
@@ -209,12 +202,10 @@ class StreetFilter : public AutodiffNetwork<S> {
           load(pass.state.value().col(static_cast<std::ptrdiff_t>(agent)), map_->states(), walker);
         const std::uint8_t previous = inputs.previous_action[column];
         if (inputs.first[column]) {
-          walker.turns = 0;
           walker.count = 0;
           walker.views.clear();
-        } else {
-          walker.turns = previous == kLeft || previous == kRight ? walker.turns + 1 : 0;
         }
+        walker.turns = TurnGuard::after(walker.turns, previous);
         SparseStep<S>& step = work.steps[agent];
         step.before = &walker.belief;
         step.seen = inputs.seen[column];
@@ -228,7 +219,7 @@ class StreetFilter : public AutodiffNetwork<S> {
       for (std::size_t agent = 0; agent < agents; ++agent) {
         const std::size_t column = begin + agent;
         tell(column, work.steps[agent], work);
-        if (work.walkers[agent].turns >= max_turns_ && inputs.allowed[column] >> kForward & 1)
+        if (guard_.must_go(work.walkers[agent].turns, inputs.allowed[column]))
           for (const int turn : {kLeft, kRight})
             work.guard(turn, static_cast<std::ptrdiff_t>(column)) = static_cast<S>(kMasked);
         std::swap(work.walkers[agent].belief, work.steps[agent].after);
@@ -242,14 +233,9 @@ class StreetFilter : public AutodiffNetwork<S> {
   /// Sets what the head is told of a step.
   void tell(std::size_t column, const SparseStep<S>& step, Work& work) const {
     auto seen = work.seen.col(static_cast<std::ptrdiff_t>(column));
-    const DistanceField distance = work.fields.to(step.goal);
-    for (std::size_t i = 0; i < step.places.size(); ++i) {
-      const S share = step.shares[i];
-      if (share <= 0) continue;
-      const int here = distance(step.places[i]);
-      for (std::uint8_t action = 0; action < kActions; ++action)
-        if (const int to = map_->next(step.places[i], action); to >= 0 && distance(to) < here)
-          seen(action) += 3 * share;
+    const auto share_by_action = votes(step, work.fields.to(step.goal), *map_);
+    for (int action = 0; action < kActions; ++action) seen(action) = 3 * share_by_action[action];
+    for (const S share : step.shares) {
       seen(kSharpness) += share * share;
       seen(kLargest) = std::max(seen(kLargest), share);
     }
@@ -261,7 +247,7 @@ class StreetFilter : public AutodiffNetwork<S> {
 
   std::shared_ptr<const StateMap> map_;
   float goal_radius_;
-  int max_turns_;
+  TurnGuard guard_;
   PlaceKeys<S> keys_;
   Motion<S> motion_;
   std::size_t directness_;

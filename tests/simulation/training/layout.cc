@@ -8,9 +8,25 @@
 #include "core/util/text.h"
 
 namespace citylearn::simulation {
+namespace {
+
+/// Returns all layouts, on a line and on streets.
+std::vector<Layout> with_streets(std::vector<Layout> all) {
+  const std::size_t lines = all.size();
+  for (std::size_t i = 0; i < lines; ++i) {
+    Layout layout = all[i];
+    layout.name += "-streets";
+    layout.meaning += "; on streets";
+    layout.streets = true;
+    all.push_back(layout);
+  }
+  return all;
+}
+
+}  // namespace
 
 const std::vector<Layout>& layouts() {
-  static const std::vector<Layout> all = {
+  static const std::vector<Layout> all = with_streets({
       {.name = "lockstep", .meaning = "one policy_service acts and learns"},
       {.name = "actors", .meaning = "a learner and two actors", .actors = 2},
       {.name = "encoder",
@@ -30,7 +46,7 @@ const std::vector<Layout>& layouts() {
        .dashboards = 2,
        .replayed = true,
        .updates = 10},
-  };
+  });
   return all;
 }
 

@@ -16,6 +16,7 @@ struct Layout {
   int actors = 0;        ///< that act for a learner; 0: one policy_service acts and learns, in lockstep
   int encoders = 0;      ///< encoder_services that share a store; 0: the env_services have features instead of pictures
   int dashboards = 1;    ///< that record
+  bool streets = false;  ///< agents walk on a map of streets; else along a line
   bool replayed = false;   ///< everything is recorded, and replayed to another dashboard after the training
   int updates = 15;        ///< that the training lasts
   int segment = 64;        ///< steps of each agent between updates

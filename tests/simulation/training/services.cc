@@ -2,6 +2,7 @@
 #include "tests/simulation/training/services.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 
@@ -13,6 +14,7 @@
 #include "env_service/env_service.h"
 #include "policy_service/run/policy_service.h"
 #include "tests/support/records/record_until.h"
+#include "tests/support/streets.h"
 #include "tools/record/recording.h"
 
 namespace citylearn::simulation {
@@ -88,8 +90,16 @@ std::vector<Service> services_of(const std::string& name, int count,
 Traversal traversal_of(const Layout& layout) {
   std::map<std::string, double> parameters{{"frames", 64}, {"images", 0}};
   if (layout.encoders > 0) parameters = {{"frames", 24}, {"images", 1}, {"width", 32}, {"height", 32}};
+  const StreetMap streets = testing::small_streets();
+  if (layout.streets) parameters["frames"] = static_cast<double>(streets.links());
   const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
-  return entry.create(Parameters(entry.name, entry.parameters, parameters), "")->load("summer");
+  Traversal traversal = entry.create(Parameters(entry.name, entry.parameters, parameters), "")->load("summer");
+  if (layout.streets) {
+    traversal.streets = std::make_shared<const StreetMap>(streets);
+    traversal.rule = StateRule::kStreet;
+    traversal.positions.assign(traversal.positions.size(), NAN);
+  }
+  return traversal;
 }
 
 std::vector<Service> dashboards_of(const Layout& layout) {
@@ -119,6 +129,7 @@ Process::Body policy_service(const Layout& layout, int checkpoint_every) {
   options.node = node_options("policy_service", kPolicy);
   options.agent = "place_filter";
   options.frames = kFrames;
+  options.cap_frames = layout.streets;  // they are walked as a whole
   options.steps = layout.steps();
   options.checkpoint_every = checkpoint_every;
   options.tasks = 8;

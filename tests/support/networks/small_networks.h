@@ -84,8 +84,7 @@ inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bo
       Vector<double> features = task.reference.col(position).cast<double>();
       const bool disguised = random.below(2);
       for (double& value : features) value += disguised ? 0.1 * random.normal() : 0;
-      inputs.see(t * kAgents + b,
-                 disguised || !shared ? NetworkInputs<double>::augmented(task.streets ? position : -1) : position,
+      inputs.see(t * kAgents + b, disguised || !shared ? NetworkInputs<double>::own(task, position) : position,
                  features);
     }
   return inputs;

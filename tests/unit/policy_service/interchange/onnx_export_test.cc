@@ -106,6 +106,13 @@ struct Case {
   int features = 64, frames = 128;
   double rounding = 1e-5;  // allowed, of numbers up to 1
   int experiences = 1;     // of each place
+  int places = 0;          // of streets; 0: a line
+
+  NetworkTask task() const {
+    NetworkTask task = some_task(features, frames, experiences);
+    task.goals = places;
+    return task;
+  }
 };
 std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one.name; }
 
@@ -131,6 +138,7 @@ std::vector<Case> cases() {
   all.push_back({"place_filter", {}, 16, 24, kOfScores, 3});
   all.push_back({"place_memory", {}, 16, 24, 1e-5, 2});
   all.push_back({"features", {}, 16, 24, 1e-5, 2});
+  for (const char* walker : {"features", "baseline"}) all.push_back({walker, {}, 12, 13, 1e-5, 1, 7});
   return all;
 }
 
@@ -148,7 +156,7 @@ void compare(const cv::Mat& found, int row, const Eigen::Ref<const Vector<float>
 }
 
 TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
-  const NetworkTask task = some_task(GetParam().features, GetParam().frames, GetParam().experiences);
+  const NetworkTask task = GetParam().task();
   const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
   const std::string model = onnx_bytes(agent, parameters_for(agent.name, GetParam().values), {});
   // Its own state each: errors may add up from step to step, and must not.
@@ -191,7 +199,7 @@ TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
 }
 
 TEST_P(OnnxExport, KeepsToTheStandard) {
-  const NetworkTask task = some_task(GetParam().features, GetParam().frames, GetParam().experiences);
+  const NetworkTask task = GetParam().task();
   const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
   const Parameters parameters = parameters_for(agent.name, GetParam().values);
   const std::string bytes = onnx_bytes(agent, parameters, {{"agent", agent.name}});

@@ -169,7 +169,7 @@ TEST(Streets, WhatIsLearnedWalksAnotherCity) {
   Loop loop(city, street_options("relabel"));
   for (int i = 0; i < 3; ++i) loop.update();
   const Checkpoint checkpoint = loop.trainer.checkpoint();
-  EXPECT_TRUE(contains(error_of([&] { trained_agent(checkpoint); }), "walks on streets"));
+  EXPECT_TRUE(contains(error_of([&] { trained_agent(checkpoint); }), "walks by the map of its streets"));
   TrainedAgent agent = unbuilt_agent(checkpoint);
   EXPECT_EQ(agent.places, 7);
   agent.build_network(task_of(other));

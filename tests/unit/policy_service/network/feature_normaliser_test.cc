@@ -98,7 +98,7 @@ TEST(ReadObservation, TellsExperiencesApart) {
   for (const int experience : {0, 1}) {
     Random random{3};
     const msg::Observation o = some_observation(experience == 0 ? summer : winter, random, 0);
-    read_observation(o, kFeatures, 0, kPlaces, false, seen, {}, experience);
+    read_observation(o, {.features = kFeatures, .reference = {}}, 0, kPlaces, false, seen, {}, experience);
     for (int agent = 0; agent < kAgents; ++agent) batch.copy_column(seen, agent, experience * kAgents + agent);
   }
   for (int agent = 0; agent < kAgents; ++agent)

@@ -268,6 +268,29 @@ TEST(SparseFilter, OnStreetsMovesByTheMapAndExcludesByWhatIsAllowed) {
   EXPECT_NEAR(share[kForward], 1, 1e-6);
 }
 
+TEST(Votes, AreForEachActionThatLeadsNearer) {
+  SparseStep<float> step;
+  step.places = {3, 0};  // 1 to the west, where either turn is a way to place 2, and 0 to the east
+  step.shares = {0.75f, 0.25f};
+  const auto share = votes(step, DistanceFields(*small_states()).to(2), *small_states());
+  EXPECT_EQ(share, (std::array<float, kActions>{0.75f, 0.25f, 0.75f}));
+}
+
+TEST(TurnGuard, LetsAnAgentFaceAllHeadingsThenGo) {
+  const StateMap fixed(small_streets(), StateRule::kStreetFixed, 1 << 20);
+  for (const auto& [map, most] : {std::pair{small_states().get(), 4}, std::pair{&fixed, 15}}) {
+    const TurnGuard guard(*map);
+    int turns = TurnGuard::after(7, kNoAction);
+    for (int i = 0; i < most; ++i) {
+      EXPECT_FALSE(guard.must_go(turns, 0b111));
+      turns = TurnGuard::after(turns, i % 2 ? kLeft : kRight);
+    }
+    EXPECT_TRUE(guard.must_go(turns, 0b111));
+    EXPECT_FALSE(guard.must_go(turns, 0b101)) << "forward is not allowed";
+    EXPECT_FALSE(guard.must_go(TurnGuard::after(turns, kForward), 0b111));
+  }
+}
+
 TEST(SequenceFilter, WalksTheSameWaysWithASparseBelief) {
   constexpr int kRoutePlaces = 300, kWalkers = 4;
   const Traversal city = small_city(kRoutePlaces, 32);
