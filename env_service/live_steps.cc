@@ -125,16 +125,15 @@ void LiveSteps::forget() {
 /// Hears where the robot is sent.
 void LiveSteps::take_goals() {
   const bool resets = doing_ == Doing::kReset;  // the environment has what was before
-  for (const int sent : robot_->take_goals()) {
-    if (!driven_ || (!resets && environment_.done())) {
-      robot_->refuse_goal(driven_ ? "the policy_service has done its tasks" : "no policy_service drives the robot");
-      continue;
-    }
-    const int goal = nearest(sent);
+  robot_->take_goals([&](int& sent) -> std::string {
+    if (!driven_) return "no policy_service drives the robot";
+    if (!resets && environment_.done()) return "the policy_service has done its tasks";
+    const int goal = sent = nearest(sent);
     if (goal_ && *goal_ != goal) robot_->publish_status_once("replaced " + std::to_string(*goal_));
     const bool under_way = !resets && !environment_.awaits_goal() && environment_.goal(0) == goal;
     goal_ = under_way ? std::nullopt : std::optional(goal);
-  }
+    return "";
+  });
 }
 
 /// Returns the place of the task's route that is nearest to a place.

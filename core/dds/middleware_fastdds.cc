@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdlib>
+#include <cstring>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/log/Log.hpp>
@@ -22,6 +23,7 @@
 #include "core/dds/middleware_fastdds_transport.h"
 #include "core/dds/middleware_fastdds_type.h"
 #include "core/dds/middleware_internal.h"
+#include "core/dds/request_identity.h"
 #include "core/dds/security.h"
 #include "core/dds/wakeup.h"
 #include "core/util/error.h"
@@ -104,6 +106,22 @@ Guid guid_of(const rtps::GUID_t& guid) {
   return result;
 }
 
+rtps::GUID_t guid_from(const Guid& guid) {
+  rtps::GUID_t result;
+  std::copy_n(guid.begin(), 12, result.guidPrefix.value);
+  std::copy_n(guid.begin() + 12, 4, result.entityId.value);
+  return result;
+}
+
+/// Returns the identity of a request, as rmw_fastrtps's ServiceListener does: clients say which reader awaits the
+/// reply, or else it is known by their writer.
+RequestIdentity identity_of(const dds::SampleInfo& info) {
+  const rtps::SampleIdentity& request = info.sample_identity;
+  const rtps::GUID_t &reader = info.related_sample_identity.writer_guid(), &writer = request.writer_guid();
+  return {guid_of(reader != rtps::GUID_t::unknown() ? reader : writer),
+          static_cast<std::int64_t>(request.sequence_number().to64long())};
+}
+
 /// Returns what writers and readers have in common: nothing is lost of the last `depth` samples.
 template <class Qos>
 Qos reliable_qos(const Topic& topic, int depth) {
@@ -154,6 +172,7 @@ class FastPublisher : public Publisher {
 
   void publish(std::span<const std::byte> sample) override {
     check_size(topic_, sample.size());
+    if (is_reply_) return publish_reply(sample);
     Raw raw{sample};
     // A time-out is a lost sample like any other: the application sends again what is not answered. So is a history
     // without room because other threads still send what is in it, as release 3 was seen to report under load.
@@ -173,8 +192,25 @@ class FastPublisher : public Publisher {
   }
 
  private:
+  /// Writes a reply without the identity of its request, which goes beside it.
+  void publish_reply(std::span<const std::byte> sample) {
+    RequestIdentity request;
+    std::memcpy(&request, sample.subspan(kIdentityOffset).data(), sizeof request);
+    const auto content = sample.subspan(kIdentityOffset + sizeof request);
+    Bytes bytes(sample.begin(), sample.begin() + kIdentityOffset);
+    bytes.insert(bytes.end(), content.begin(), content.end());
+    rtps::WriteParams answers;
+    auto& identity = answers.related_sample_identity();
+    identity.writer_guid() = guid_from(request.client);
+    identity.sequence_number() = {static_cast<std::int32_t>(request.sequence >> 32),
+                                  static_cast<std::uint32_t>(request.sequence)};
+    Raw raw{bytes};
+    writer_->write(&raw, answers);  // one that is not written is lost like any other
+  }
+
   dds::Publisher* const publisher_;
   const Topic topic_;
+  const bool is_reply_ = topic_.name.starts_with(kReplyPrefix);
   const TopicOwner dds_topic_;
   dds::DataWriter* writer_;
 };
@@ -182,7 +218,10 @@ class FastPublisher : public Publisher {
 class FastSubscription : public Subscription, private dds::DataReaderListener {
  public:
   FastSubscription(dds::Subscriber* subscriber, TopicOwner dds_topic, const Topic& topic, Wakeup& wakeup)
-      : subscriber_(subscriber), flag_(wakeup), dds_topic_(std::move(dds_topic)) {
+      : subscriber_(subscriber),
+        is_request_(topic.name.starts_with(kRequestPrefix)),
+        flag_(wakeup),
+        dds_topic_(std::move(dds_topic)) {
     auto qos = reliable_qos<dds::DataReaderQos>(topic, depth_of(topic.profile).reader);
     if (topic.profile == Profile::kRos2) qos.reliability().kind = dds::BEST_EFFORT_RELIABILITY_QOS;
     fast::repair_at_once(qos);
@@ -202,6 +241,11 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
     while (fast::is_ok(reader_->take_next_sample(&raw, &info))) {
       if (!info.valid_data) continue;
       flag_.raise_quietly();  // there may be more
+      if (is_request_ && sample.size() >= kIdentityOffset) {
+        const RequestIdentity identity = identity_of(info);
+        const auto bytes = std::as_bytes(std::span(&identity, 1));
+        sample.insert(sample.begin() + kIdentityOffset, bytes.begin(), bytes.end());
+      }
       return true;
     }
     return false;
@@ -217,6 +261,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
   void on_data_available(dds::DataReader*) override { flag_.raise(); }
 
   dds::Subscriber* const subscriber_;
+  const bool is_request_;
   Wakeup::Flag flag_;
   const TopicOwner dds_topic_;
   dds::DataReader* reader_;

@@ -5,12 +5,14 @@
 
 #if __has_include(<fastrtps/utils/IPLocator.h>)
 #define CITYLEARN_FASTDDS_RELEASE 2
+#include <fastdds/rtps/common/WriteParams.h>
 #include <fastdds/rtps/transport/ChainingTransport.h>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
 #else
 #define CITYLEARN_FASTDDS_RELEASE 3
 #include <fastdds/dds/core/ReturnCode.hpp>
+#include <fastdds/rtps/common/WriteParams.hpp>
 #include <fastdds/rtps/transport/ChainingTransport.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>
 #include <fastdds/utils/IPLocator.hpp>

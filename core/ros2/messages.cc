@@ -36,6 +36,11 @@ class Reader {
   void nested(const char*, Message& message) {
     visit(message, *this);
   }
+  template <class Message>
+  void sequence(const char*, std::vector<Message>& messages) {
+    messages.clear();
+    for (std::uint32_t left = length_that_fits(); left > 0; --left) visit(messages.emplace_back(), *this);
+  }
 
  private:
   std::uint32_t length_that_fits() {
@@ -47,11 +52,26 @@ class Reader {
   CdrReader& cdr_;
 };
 
+class Writer : public CdrWriter {
+ public:
+  using CdrWriter::CdrWriter;
+
+  template <class Message>
+  void nested(const char*, const Message& message) {
+    visit(message, *this);
+  }
+  template <class Message>
+  void sequence(const char*, const std::vector<Message>& messages) {
+    (*this)("", static_cast<std::uint32_t>(messages.size()));
+    for (const Message& message : messages) visit(message, *this);
+  }
+};
+
 }  // namespace
 
 template <class Message>
 void encode_ros2(const Message& message, Bytes& bytes) {
-  CdrWriter writer(bytes);
+  Writer writer(bytes);
   visit(message, writer);
 }
 
@@ -67,20 +87,21 @@ bool decode_ros2(std::span<const std::byte> bytes, Message& message) {
   }
 }
 
-#define CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, HASH, SCHEMA)                                                  \
-  template <>                                                                                             \
-  const Ros2Type& ros2_type_of<PACKAGE::msg::dds_::TYPE##_>() {                                           \
-    static const Ros2Type type{#PACKAGE "/msg/" #TYPE, #PACKAGE "::msg::dds_::" #TYPE "_", HASH, SCHEMA}; \
-    return type;                                                                                          \
-  }                                                                                                       \
-  template void encode_ros2(const PACKAGE::msg::dds_::TYPE##_& message, Bytes& bytes);                    \
-  template bool decode_ros2(std::span<const std::byte> bytes, PACKAGE::msg::dds_::TYPE##_& message);
+#define CITYLEARN_ROS2_TYPE(PACKAGE, KIND, TYPE, HASH, SERVICE_HASH, SCHEMA)                                         \
+  template <>                                                                                                        \
+  const Ros2Type& ros2_type_of<PACKAGE::KIND::dds_::TYPE##_>() {                                                     \
+    static const Ros2Type type{#PACKAGE "/" #KIND "/" #TYPE, #PACKAGE "::" #KIND "::dds_::" #TYPE "_", HASH, SCHEMA, \
+                               SERVICE_HASH};                                                                        \
+    return type;                                                                                                     \
+  }                                                                                                                  \
+  template void encode_ros2(const PACKAGE::KIND::dds_::TYPE##_& message, Bytes& bytes);                              \
+  template bool decode_ros2(std::span<const std::byte> bytes, PACKAGE::KIND::dds_::TYPE##_& message);
 #include "ros2/ros2_types.inc"
 #undef CITYLEARN_ROS2_TYPE
 
 const Ros2Type* ros2_type(const std::string& name) {
-#define CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, HASH, SCHEMA) \
-  if (name == #PACKAGE "/msg/" #TYPE) return &ros2_type_of<PACKAGE::msg::dds_::TYPE##_>();
+#define CITYLEARN_ROS2_TYPE(PACKAGE, KIND, TYPE, HASH, SERVICE_HASH, SCHEMA) \
+  if (name == #PACKAGE "/" #KIND "/" #TYPE) return &ros2_type_of<PACKAGE::KIND::dds_::TYPE##_>();
 #include "ros2/ros2_types.inc"
   return nullptr;
 }

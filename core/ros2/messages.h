@@ -9,12 +9,13 @@
 
 namespace citylearn {
 
-/// A type of ROS 2's common_interfaces (msg/).
+/// A type of ROS 2's common_interfaces (msg/, srv/).
 struct Ros2Type {
   std::string name;    ///< "sensor_msgs/msg/CompressedImage"
   std::string dds;     ///< its name on DDS: "sensor_msgs::msg::dds_::CompressedImage_"
   std::string hash;    ///< of its definition, as ROS 2 compares it from Iron on: "RIHS01_" and 64 hexadecimal digits
   std::string schema;  ///< its definition with all that it includes, as MCAP's ros2msg
+  std::string service_hash;  ///< of a request or a response: that of its service; else empty
 };
 
 /// A message of ROS 2.
@@ -33,7 +34,7 @@ class Ros2Sink {
   virtual void publish(const Ros2Message& message) = 0;
 };
 
-/// Returns the type of `Message`, one of those that are generated from msg/; others do not link.
+/// Returns the type of `Message`, one of those that are generated from msg/ and srv/; others do not link.
 template <class Message>
 const Ros2Type& ros2_type_of();
 

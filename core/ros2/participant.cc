@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "core/dds/request_identity.h"
 #include "core/files/image_header.h"
 #include "core/ros2/name.h"
 #include "core/util/error.h"
@@ -22,8 +23,14 @@ const std::string kGraphTopic = "ros_discovery_info",
                   kGraphType = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_",
                   kGraphHash = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e";
 
-/// Returns the USER_DATA by which nodes know the definition of a topic's type.
-std::string hash_data(const std::string& hash) { return "typehash=" + hash + ";"; }
+/// Returns the USER_DATA by which nodes know the definition of a topic's type, and of the service that it is part of.
+std::string hash_data(const std::string& hash, const std::string& service_hash = "") {
+  return "typehash=" + hash + ";" + (service_hash.empty() ? "" : "sertypehash=" + service_hash + ";");
+}
+
+Topic topic_of(const std::string& dds_topic, const Ros2Type& type, Profile profile) {
+  return {dds_topic, type.dds, profile, kMaxSampleBytes, false, hash_data(type.hash, type.service_hash)};
+}
 
 }  // namespace
 
@@ -93,26 +100,32 @@ Ros2Participant::Ros2Participant(const Ros2Options& ros, const std::string& name
   node_ = {middleware_->guid(), "/citylearn", ros2_name(name, "node_", taken), {}, {}};
 }
 
-Topic Ros2Participant::dds_topic(const std::string& topic, const Ros2Type& type, Profile profile) {
-  return {"rt" + topic, type.dds, profile, kMaxSampleBytes, false, hash_data(type.hash)};
-}
-
 Publisher& Ros2Participant::publisher(const std::string& topic, const Ros2Type& type) {
   std::unique_ptr<Publisher>& publisher = publishers_[topic];
-  if (!publisher) {
-    publisher = middleware_->create_publisher(dds_topic(topic, type, Profile::kRos2));
-    node_.writers.push_back(publisher->guid());
-    node_changed_ = true;
-  }
+  if (!publisher) publisher = create_publisher("rt" + topic, type);
   return *publisher;
 }
 
-std::unique_ptr<Subscription> Ros2Participant::create_subscription(const std::string& topic, const Ros2Type& type,
+std::unique_ptr<Publisher> Ros2Participant::create_publisher(const std::string& dds_topic, const Ros2Type& type) {
+  auto publisher = middleware_->create_publisher(topic_of(dds_topic, type, Profile::kRos2));
+  node_.writers.push_back(publisher->guid());
+  node_changed_ = true;
+  return publisher;
+}
+
+std::unique_ptr<Subscription> Ros2Participant::create_subscription(const std::string& dds_topic, const Ros2Type& type,
                                                                    Profile profile) {
-  auto subscription = middleware_->create_subscription(dds_topic(topic, type, profile));
+  auto subscription = middleware_->create_subscription(topic_of(dds_topic, type, profile));
   node_.readers.push_back(subscription->guid());
   node_changed_ = true;
   return subscription;
+}
+
+Ros2Server Ros2Participant::create_server(const std::string& name, const Ros2Type& request, const Ros2Type& response) {
+  const std::string path = node_.name_space.substr(1) + "/" + node_.name + "/" + name;
+  auto requests = create_subscription(std::string(kRequestPrefix) + path + "Request", request, Profile::kRos2Reliable);
+  return {"/" + path, middleware_->name(), std::move(requests),
+          create_publisher(std::string(kReplyPrefix) + path + "Reply", response)};
 }
 
 std::vector<std::string> Ros2Participant::poll() {

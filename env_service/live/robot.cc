@@ -8,8 +8,10 @@
 #include <cmath>
 #include <limits>
 
+#include "core/ros2/header.h"
 #include "core/task/action.h"
 #include "core/util/error.h"
+#include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
@@ -66,8 +68,10 @@ Robot::Robot(const RobotOptions& options, const std::string& name, const Middlew
   max_away_ = options_.off_route > 0 ? options_.off_route : kMaxPlacesAway * spacing_;
   ros_.advertise<Twist>(options_.cmd_vel);
   ros_.advertise<Command>(options_.command);
+  const bool fix = options_.topics.source == PositionSource::kFix;  // a plan is of poses
+  if (!fix) get_plan_ = ros_.offer<PlanRequest, PlanResponse>("get_plan");
   if (options_.goal.empty()) return;
-  const bool fix = options_.topics.source == PositionSource::kFix;
+  if (!fix) set_goal_ = ros_.offer<PlanRequest, PlanResponse>("set_goal");
   goals_.emplace(ros_, options_.goal, fix ? PositionSource::kFix : PositionSource::kPose, Profile::kRos2Reliable);
   ros_.advertise<Status>(options_.status);
 }
@@ -160,23 +164,64 @@ std::pair<int, double> Robot::nearest_place(const PositionTopic::Position& posit
   return nearest;
 }
 
-std::vector<int> Robot::take_goals() {
-  std::vector<int> places;
-  if (!goals_) return places;
-  goals_->take([&](const PositionTopic::Position& goal) {
-    if (!goal.fault.empty()) return refuse_goal("it is no position: it " + goal.fault);
-    if (!goal.frame.empty() && !senses_.frame().empty() && goal.frame != senses_.frame())
-      return refuse_goal("it is in frame '" + goal.frame + "', the robot's position in '" + senses_.frame() + "'");
-    const auto [place, metres] = nearest_place(goal);
-    if (metres > max_away_)
-      return refuse_goal(fmt::format("it is {:.0f} m from the nearest place that was taught", metres));
-    places.push_back(place);
-  });
-  return places;
+std::variant<int, std::string> Robot::place_of(const PositionTopic::Position& position, double tolerance) const {
+  if (!position.fault.empty()) return "it is no position: it " + position.fault;
+  if (!position.frame.empty() && !senses_.frame().empty() && position.frame != senses_.frame())
+    return "it is in frame '" + position.frame + "', the robot's position in '" + senses_.frame() + "'";
+  const auto [place, metres] = nearest_place(position);
+  if (metres > (tolerance > 0 ? std::min(tolerance, max_away_) : max_away_))
+    return fmt::format("it is {:.0f} m from the nearest place that was taught", metres);
+  return place;
 }
 
-void Robot::refuse_goal(const std::string& why) {
-  spdlog::warn("a goal on {} is refused: {}", goals_->name(), why);
+void Robot::take_goals(const std::function<std::string(int& place)>& send) {
+  const auto send_to = [&](const PositionTopic::Position& goal, double tolerance, const std::string& where) {
+    auto place = place_of(goal, tolerance);
+    if (int* const sent = std::get_if<int>(&place))
+      if (const std::string why = send(*sent); !why.empty()) place = why;
+    if (const auto* why = std::get_if<std::string>(&place)) refuse_goal(*why, where);
+    return place;
+  };
+  if (goals_) goals_->take([&](const PositionTopic::Position& goal) { send_to(goal, 0, ""); });
+  if (set_goal_)
+    set_goal_->serve([&](const PlanRequest* request) {
+      if (!request) return PlanResponse();
+      const auto place = send_to(position_of(request->goal()), request->tolerance(), "~/set_goal");
+      const int* const goal = std::get_if<int>(&place);
+      return goal ? plan(senses_.position() ? nearest_place(*senses_.position()).first : *goal, *goal) : PlanResponse();
+    });
+  if (get_plan_)
+    get_plan_->serve([&](const PlanRequest* request) {
+      if (!request) return PlanResponse();
+      const auto from = place_of(position_of(request->start()), request->tolerance()),
+                 to = place_of(position_of(request->goal()), request->tolerance());
+      for (const auto* end : {&from, &to})
+        if (const auto* why = std::get_if<std::string>(end)) {
+          spdlog::warn("~/get_plan: no plan {} there: {}", end == &to ? "leads" : "begins", *why);
+          return PlanResponse();
+        }
+      return plan(std::get<int>(from), std::get<int>(to));
+    });
+}
+
+/// Returns the places of the route from one to another.
+Robot::PlanResponse Robot::plan(int from, int to) const {
+  PlanResponse response;
+  response.plan().header(ros2_header(senses_.frame(), nanoseconds_since_epoch()));
+  for (int place = from, step = to < from ? -1 : 1; place != to + step; place += step) {
+    const auto index = static_cast<std::size_t>(place);
+    if (!std::isfinite(x_[index]) || !std::isfinite(y_[index])) continue;
+    auto& pose = response.plan().poses().emplace_back();
+    pose.header(response.plan().header());
+    pose.pose().position().x(x_[index]);
+    pose.pose().position().y(y_[index]);
+    pose.pose().orientation().w(1);
+  }
+  return response;
+}
+
+void Robot::refuse_goal(const std::string& why, const std::string& where) {
+  spdlog::warn("a goal on {} is refused: {}", where.empty() ? goals_->name() : where, why);
   publish_status_once("refused");
 }
 

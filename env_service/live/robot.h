@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "core/util/types.h"
@@ -43,10 +45,11 @@ class Robot {
   Clock::time_point due() const { return due_; }
   /// Returns whether it subscribes to a topic of goals.
   bool has_goal_topic() const { return goals_.has_value(); }
-  /// Returns the places to which it was sent since the last call. A goal that is not on the route is refused.
-  std::vector<int> take_goals();
-  /// Publishes that the goal is refused, and logs why.
-  void refuse_goal(const std::string& why);
+  /// Calls `send` with each place to which it was sent since the last call. This returns why it is refused, or nothing,
+  /// and may move it. A goal that is not on the route is refused. Answers the services ~/set_goal and ~/get_plan.
+  void take_goals(const std::function<std::string(int& place)>& send);
+  /// Publishes that the goal is refused, and logs why. `where` it came: the topic of goals, if empty.
+  void refuse_goal(const std::string& why, const std::string& where = "");
   /// Publishes a status once; the status is then as it was.
   void publish_status_once(const std::string& status);
   /// Publishes what becomes of the goal, now and once a second.
@@ -58,6 +61,8 @@ class Robot {
 
  private:
   enum class Doing { kNothing, kDriving, kLooking };
+  using PlanRequest = nav_msgs::srv::dds_::GetPlan_Request_;
+  using PlanResponse = nav_msgs::srv::dds_::GetPlan_Response_;
 
   void command(double speed);
   void begin_to_look(Clock::time_point now, std::uint64_t settle);
@@ -69,6 +74,9 @@ class Robot {
   }
   double metres_between_places(int from, int to) const;
   std::pair<int, double> nearest_place(const PositionTopic::Position& position) const;
+  /// Returns the place at which a goal or a start is, or why it is none.
+  std::variant<int, std::string> place_of(const PositionTopic::Position& position, double tolerance) const;
+  PlanResponse plan(int from, int to) const;
 
   const RobotOptions options_;
   const Traversal& taught_;
@@ -76,6 +84,7 @@ class Robot {
   Ros2Participant ros_;
   RobotSenses senses_;
   std::optional<PositionTopic> goals_;
+  std::optional<Ros2Service<PlanRequest, PlanResponse>> set_goal_, get_plan_;
   const std::vector<double>&x_, &y_;  // of the places, as positions come
   double spacing_ = 0;                // metres between places, median
   double max_away_ = 0;               // metres from the nearest place at which it still drives

@@ -37,7 +37,7 @@ def call(*command):
 
 def python_of(name):
     """Returns the Python of an environment, which is made where it is not there or has other packages."""
-    packages, newest, built = (CLIENTS["environments"][name].get(each) for each in ("packages", "newest_python", "built"))
+    packages, newest, sources = (CLIENTS["environments"][name].get(each) for each in ("packages", "newest_python", "sources"))
     if newest and [*sys.version_info[:2]] > newest:
         skip(f"{packages[0]} has no wheel for Python {sys.version.split()[0]}")
     folder = Path(os.environ.get("CITYLEARN_CLIENTS", BUILD / "clients")) / name
@@ -49,7 +49,7 @@ def python_of(name):
             shutil.rmtree(folder, ignore_errors=True)
             call(sys.executable, "-m", "venv", folder)
             call(folder / "bin/pip", "install", "--quiet", "--disable-pip-version-check", "--retries=1",
-                 "--only-binary=:all:", *([f"--no-binary={built}"] if built else []), *packages)
+                 "--only-binary=:all:", *([f"--no-binary={sources}"] if sources else []), *packages)
             made.write_text(wanted)
     return folder / "bin/python"
 

@@ -37,6 +37,7 @@ void add_options(CLI::App& app, CommandLine& line) {
         ->check(CLI::Range(0.01, 3600.0));
     app.add_option("--frames", line.frames, "End after so many frames; without, Ctrl-C ends it")
         ->check(CLI::Range(2, std::numeric_limits<int>::max()));
+    app.add_flag("--start-paused", teach.paused, "Record only once a node calls ~/record (std_srvs/SetBool) with true");
   }
   const OptionGroup group(app, "Robot");
   add_robot_topics(app, teach.topics, line.ros);

@@ -2,10 +2,12 @@
 #include "tools/robot/teacher.h"
 
 #include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <utility>
 
 #include "core/files/files.h"
 #include "core/files/image_header.h"
@@ -50,6 +52,8 @@ std::string suffix_of(const Bytes& file) {
 Teacher::Teacher(const TeachOptions& options, Ros2Participant& ros)
     : options_(options),
       senses_(ros, options.topics),
+      record_(ros.offer<SetBoolRequest, SetBoolResponse>("record")),
+      paused_(options.paused),
       pictures_(fresh(options, "")),
       poses_path_(fresh(options, ".poses.csv")) {
   create_folder(pictures_);
@@ -77,7 +81,20 @@ void Teacher::poll(Clock::time_point now) {
   senses_.poll();
   pictures_heard_.hear(senses_.picture() ? senses_.picture()->stamp : 0, now);
   positions_heard_.hear(senses_.position() ? senses_.position()->stamp : 0, now);
-  if (is_next(now)) write_frame(now);
+  record_.serve([&](const SetBoolRequest* request) { return set_recording(request, now); });
+  was_paused_ |= paused_;
+  if (!paused_ && is_next(now)) write_frame(now);
+}
+
+Teacher::SetBoolResponse Teacher::set_recording(const SetBoolRequest* request, Clock::time_point now) {
+  SetBoolResponse response;
+  response.success(request != nullptr);
+  if (request && std::exchange(paused_, !request->data()) == request->data())
+    spdlog::info(paused_ ? "is paused by a node" : "records");
+  const std::string frames = fmt::format("{} frames", frames_), obstacle = paused_ ? "" : trouble(now);
+  response.message(!request ? "the request cannot be read"
+                            : frames + (paused_ ? ", paused" : "") + (obstacle.empty() ? "" : "; " + obstacle));
+  return response;
 }
 
 std::string Teacher::trouble(Clock::time_point now) const {
@@ -113,7 +130,9 @@ void Teacher::note_hole(const std::string& file, Clock::time_point now) {
   if (size <= longest_) return;
   longest_ = size;
   const double silent = std::max(no_picture, no_position);
-  longest_hole_ = placed && silent < kMinSilence ? "the position leapt" : silence(silent, no_position > no_picture);
+  longest_hole_ = was_paused_                      ? "recording was paused"
+                  : placed && silent < kMinSilence ? "the position leapt"
+                                                   : silence(silent, no_position > no_picture);
   longest_hole_ +=
       placed ? fmt::format(": {:.1f} m without frames before {}", size, file) : ": no frames before " + file;
 }
@@ -160,6 +179,7 @@ void Teacher::write_frame(Clock::time_point now) {
   frame_came_ = now;
   file_ = file;
   pictures_heard_.silence = positions_heard_.silence = {};
+  was_paused_ = false;
   ++frames_;
 }
 

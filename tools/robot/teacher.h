@@ -17,10 +17,12 @@ struct TeachOptions {
   std::string traversal;  ///< NAME
   double spacing = 2;     ///< metres between frames; without positions: not used
   double interval = 1;    ///< seconds between frames, without positions
+  bool paused = false;    ///< it records only once the service ~/record says so
 };
 
 /// Records what a robot's camera sees along a route as a traversal: a frame wherever it has come `spacing` metres
-/// further, with the place. Every frame that is counted is on the disk. Used by the participant's thread.
+/// further, with the place. Nodes pause it and let it go on by the service ~/record (std_srvs/SetBool). Every frame
+/// that is counted is on the disk. Used by the participant's thread.
 class Teacher {
  public:
   /// `ros` must outlive it. Throws Error when the traversal is there already or cannot be written.
@@ -52,15 +54,21 @@ class Teacher {
     bool silent(Clock::time_point now) const;
   };
 
+  using SetBoolRequest = std_srvs::srv::dds_::SetBool_Request_;
+  using SetBoolResponse = std_srvs::srv::dds_::SetBool_Response_;
+
   bool is_next(Clock::time_point now) const;
   void write_frame(Clock::time_point now);
   void note_hole(const std::string& file, Clock::time_point now);
+  SetBoolResponse set_recording(const SetBoolRequest* request, Clock::time_point now);
   double metres_to(const PositionTopic::Position& position) const {
     return position_ ? PositionTopic::metres_between(options_.topics.source, *position_, position) : 0;
   }
 
   const TeachOptions options_;
   RobotSenses senses_;
+  Ros2Service<SetBoolRequest, SetBoolResponse> record_;
+  bool paused_, was_paused_ = false;  // was_paused_: since the last frame
   const std::string pictures_, poses_path_;
   std::unique_ptr<GrowingFile> poses_;  // null: there was no frame yet, or there are no positions
   int frames_ = 0;

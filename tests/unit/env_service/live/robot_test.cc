@@ -17,6 +17,7 @@
 #include "tests/support/options.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
+#include "tests/support/ros2_client.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -113,6 +114,15 @@ class RobotTest : public ::testing::Test {
     std::vector<std::string> all;
     for (std_msgs::msg::dds_::String_ status; status_.take(status);) all.push_back(status.data());
     return all;
+  }
+  /// Returns where the robot was sent since the last call.
+  static std::vector<int> goals_of(Robot& robot) {
+    std::vector<int> places;
+    robot.take_goals([&](int place) {
+      places.push_back(place);
+      return "";
+    });
+    return places;
   }
   /// Polls until the robot has seen something, or half a second is over.
   static std::optional<Sighting> seen_by(Robot& robot, milliseconds patience = milliseconds(500)) {
@@ -306,7 +316,7 @@ TEST_F(RobotTest, GoalsThatAreNoPlaceAreRefused) {
   said();
   for (const double x : {kNan, kInfinite, -kInfinite, 1e9, 1e4}) {
     send_goal(x);
-    EXPECT_EQ(robot.take_goals(), std::vector<int>()) << x;
+    EXPECT_EQ(goals_of(robot), std::vector<int>()) << x;
     EXPECT_EQ(said(), std::vector<std::string>{"refused"}) << x;
   }
   EXPECT_EQ(occurrences(log.text(), "a goal on /goal is refused: it is no position: it is NaN or infinite"), 3);
@@ -317,7 +327,7 @@ TEST_F(RobotTest, GoalsThatAreNoPlaceAreRefused) {
   send_goal(kNan);
   send_goal(12);
   send_goal(12);
-  EXPECT_EQ(robot.take_goals(), (std::vector{2, 6, 6})) << "each is answered";
+  EXPECT_EQ(goals_of(robot), (std::vector{2, 6, 6})) << "each is answered";
   EXPECT_EQ(said(), std::vector<std::string>{"refused"});
 }
 
@@ -333,7 +343,7 @@ TEST_F(RobotTest, GoalsInAnotherFrameOrWithoutAFixAreRefused) {
     robot.poll(Clock::now());
     send_goal(4, "odom");
     send_goal(4, "");
-    EXPECT_EQ(robot.take_goals(), std::vector{2}) << "one without a frame is taken as one of the robot's";
+    EXPECT_EQ(goals_of(robot), std::vector{2}) << "one without a frame is taken as one of the robot's";
     EXPECT_TRUE(log.has("a goal on /goal is refused: it is in frame 'odom', the robot's position in 'map'"))
         << log.text();
   }
@@ -343,9 +353,74 @@ TEST_F(RobotTest, GoalsInAnotherFrameOrWithoutAFixAreRefused) {
   send_fix("/goal_fix", 2, 0, kNan, 11);
   send_fix("/goal_fix", 3, 0, 0, 0);
   send_fix("/goal_fix", 4, 0, 45, 11.00004);
-  EXPECT_EQ(robot.take_goals(), std::vector{2});
+  EXPECT_EQ(goals_of(robot), std::vector{2});
   EXPECT_EQ(said(), std::vector<std::string>(3, "refused"));
   EXPECT_TRUE(log.has("a goal on /goal_fix is refused: it is no position: it has no fix")) << log.text();
+}
+
+TEST_F(RobotTest, ServicesSendItToGoalsAndSayTheWay) {
+  using Request = nav_msgs::srv::dds_::GetPlan_Request_;
+  using Client = Ros2Client<Request, nav_msgs::srv::dds_::GetPlan_Response_>;
+  const Log log;
+  RobotOptions with_goals = options();
+  with_goals.goal = "/goal";
+  Robot robot = make(with_goals);
+  Client set_goal(ros_, "/citylearn/robot/set_goal"), get_plan(ros_, "/citylearn/robot/get_plan");
+  Pose here;
+  stamp(here.header(), 10);
+  here.header().frame_id("map");
+  here.pose().position().x(8);
+  world_.publish("/pose", here);
+  robot.poll(Clock::now());
+  int sent = -1;
+  std::string refusal;
+  /// Returns the x of the places to a goal, in the order of the way.
+  const auto way = [&](Client& client, double start, double goal, double tolerance = 0, const char* frame = "map") {
+    Request request;
+    request.goal().header().frame_id(frame);
+    request.start().pose().position().x(start);
+    request.goal().pose().position().x(goal);
+    request.start().pose().position().y(5);
+    request.goal().pose().position().y(5);
+    request.tolerance(static_cast<float>(tolerance));
+    client.call(request);
+    robot.take_goals([&](int& place) {
+      sent = place;
+      if (place == 7) place = 6;  // the task's route ends there
+      return refusal;
+    });
+    const auto reply = client.reply();
+    EXPECT_TRUE(reply);
+    std::vector<double> x;
+    for (const auto& pose : reply->plan().poses()) {
+      EXPECT_EQ(pose.pose().position().y(), 5);
+      EXPECT_EQ(pose.header().frame_id(), "map");
+      x.push_back(pose.pose().position().x());
+    }
+    return x;
+  };
+  using Way = std::vector<double>;
+  EXPECT_EQ(way(set_goal, 0, 3.2), (Way{8, 6, 4})) << "from where it is";
+  EXPECT_EQ(sent, 2);
+  EXPECT_EQ(way(set_goal, 0, 14), (Way{8, 10, 12}));
+  EXPECT_EQ(way(set_goal, 0, 8), Way{8});
+  said();
+  sent = -1;
+  EXPECT_EQ(way(set_goal, 0, kNan), Way());
+  EXPECT_EQ(way(set_goal, 0, 4, 0, "odom"), Way());
+  EXPECT_EQ(way(set_goal, 0, 5, 0.5), Way()) << "no place is so near";
+  EXPECT_EQ(sent, -1);
+  refusal = "nobody drives";
+  EXPECT_EQ(way(set_goal, 0, 4), Way());
+  EXPECT_EQ(said(), std::vector<std::string>(4, "refused"));
+  EXPECT_TRUE(log.has("a goal on ~/set_goal is refused: nobody drives")) << log.text();
+  sent = -1;
+  EXPECT_EQ(way(get_plan, 4, 0.3), (Way{4, 2, 0}));
+  EXPECT_EQ(way(get_plan, 1e4, 0), Way());
+  EXPECT_EQ(way(get_plan, 0, kInfinite), Way());
+  EXPECT_TRUE(log.has("~/get_plan: no plan begins there: it is 9982 m from the nearest place")) << log.text();
+  EXPECT_TRUE(log.has("~/get_plan: no plan leads there: it is no position: it is NaN or infinite")) << log.text();
+  EXPECT_EQ(sent, -1) << "it drives nowhere";
 }
 
 /// A robot that a policy_service may drive and others send to goals.
@@ -395,7 +470,7 @@ TEST_F(SentToGoals, EveryGoalIsAnswered) {
   send_goal(kMetres * 6);
   send_goal(kNan);
   steps_->advance(Clock::now());
-  EXPECT_EQ(said(), (std::vector<std::string>{"refused", "replaced 8"})) << "6 goes on";
+  EXPECT_EQ(said(), (std::vector<std::string>{"replaced 8", "refused"})) << "6 goes on";
   step(kNext);
   advance(6);
   EXPECT_EQ(said(), (std::vector<std::string>{"arrived 6", "waiting"}));

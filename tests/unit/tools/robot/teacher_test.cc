@@ -12,6 +12,7 @@
 #include "core/ros2/header.h"
 #include "tests/support/files.h"
 #include "tests/support/processes/domain.h"
+#include "tests/support/ros2_client.h"
 #include "tests/support/text.h"
 #include "tools/robot/simulated_robot.h"
 
@@ -75,6 +76,48 @@ TEST_F(Teaching, NothingIsLeftOfARouteWithoutFrames) {
     EXPECT_TRUE(std::filesystem::exists(folder_ / "route/summer")) << "it can be written";
   }
   EXPECT_FALSE(std::filesystem::exists(folder_ / "route/summer"));
+}
+
+TEST_F(Teaching, NodesPauseIt) {
+  using Request = std_srvs::srv::dds_::SetBool_Request_;
+  Ros2Participant world(ros_, "world", nullptr), ears(ros_, "teach", nullptr);
+  teach_.paused = true;
+  Teacher teacher(teach_, ears);
+  Ros2Client<Request, std_srvs::srv::dds_::SetBool_Response_> record(ros_, "/citylearn/teach/record");
+  const auto answer = [&] {
+    teacher.poll(now_);
+    const auto reply = record.reply();
+    return reply ? (reply->success() ? "yes: " : "no: ") + reply->message() : "nothing";
+  };
+  const auto call = [&](bool data) {
+    Request request;
+    request.data(data);
+    record.call(request);
+    return answer();
+  };
+  robot_.drive = 5;
+  SimulatedRobot robot(robot_, world);
+  drive(robot, 1, [&] { teacher.poll(now_); });
+  EXPECT_EQ(teacher.frames(), 0);
+  EXPECT_EQ(call(true), "yes: 0 frames");
+  drive(robot, 0.5, [&] { teacher.poll(now_); });
+  EXPECT_GE(teacher.frames(), 1);
+  const std::string frames = std::to_string(teacher.frames()) + " frames";
+  EXPECT_EQ(call(false), "yes: " + frames + ", paused");
+  EXPECT_EQ(call(false), "yes: " + frames + ", paused");
+  drive(robot, 2, [&] { teacher.poll(now_); });
+  EXPECT_EQ(call(true), "yes: " + frames);
+  drive(robot, 0.1, [&] { teacher.poll(now_); });
+  EXPECT_TRUE(teacher.shortcomings().at(0).starts_with("recording was paused: 1")) << teacher.shortcomings().at(0);
+  // Encapsulation and content: nothing, not a boolean, more than one.
+  for (const auto& content : std::vector<std::vector<int>>{{}, {7}, {1, 0, 0, 0, 0}}) {
+    Bytes bytes = {std::byte{0}, std::byte{1}, std::byte{0}, std::byte{0}};
+    for (const int byte : content) bytes.push_back(std::byte(byte));
+    record.send(bytes);
+    EXPECT_EQ(answer(), "no: the request cannot be read") << bytes.size();
+  }
+  drive(robot, 0.5, [&] { teacher.poll(now_); });
+  EXPECT_EQ(call(false), "yes: " + std::to_string(teacher.frames()) + " frames, paused") << "it goes on";
 }
 
 TEST_F(Teaching, ATopicThatFallsSilentIsNamed) {

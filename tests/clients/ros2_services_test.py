@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Services of our nodes, as ROS 2 Jazzy itself finds and calls them: rclpy over rmw_fastrtps."""
+
+import atexit
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+from support import BUILD
+from actors import as_options, running
+from domain import own_domain
+
+# Fast DDS as our tests want it: loopback alone, no multicast. (With LOCALHOST nodes name this host's other addresses.)
+PROFILE = """<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <transport_descriptors><transport_descriptor><transport_id>lo</transport_id><type>UDPv4</type>
+    <maxInitialPeersRange>32</maxInitialPeersRange>
+    <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList></transport_descriptor></transport_descriptors>
+  <participant profile_name="lo" is_default_profile="true"><rtps><useBuiltinTransports>false</useBuiltinTransports>
+    <userTransports><transport_id>lo</transport_id></userTransports>
+    <builtin><metatrafficUnicastLocatorList><locator><udpv4><address>127.0.0.1</address></udpv4></locator>
+      </metatrafficUnicastLocatorList>
+      <initialPeersList><locator><udpv4><address>127.0.0.1</address></udpv4></locator></initialPeersList></builtin>
+  </rtps></participant></profiles>"""
+FILE = tempfile.NamedTemporaryFile(prefix="citylearn-", suffix=".xml")
+FILE.write(PROFILE.encode())
+FILE.flush()
+atexit.register(FILE.close)
+os.environ.update({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+                   "FASTRTPS_DEFAULT_PROFILES_FILE": FILE.name, "FASTDDS_DEFAULT_PROFILES_FILE": FILE.name})
+import rclpy  # noqa: E402
+from geometry_msgs.msg import PoseStamped  # noqa: E402
+from nav_msgs.srv import GetPlan  # noqa: E402
+from std_srvs.srv import SetBool  # noqa: E402
+
+SECONDS = 30
+
+
+def hash_of(package, name):
+    """Returns the hash that rosidl has computed of a type of a service."""
+    service = name.removesuffix("_Request").removesuffix("_Response")
+    told = json.loads((Path(sys.prefix) / f"share/{package}/srv/{service}.json").read_text())
+    return next(each["hash_string"] for each in told["type_hashes"] if each["type_name"] == f"{package}/srv/{name}")
+
+
+def pose(x, y=0.0):
+    result = PoseStamped()
+    result.header.frame_id, result.pose.position.x, result.pose.position.y = "map", x, y
+    return result
+
+
+class Services(unittest.TestCase):
+    def setUp(self):
+        self.folder = Path(self.enterContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
+        self.domain = own_domain()
+        self.ros = as_options({"ros_domain": self.domain, "ros_middleware": "fastdds", "ros_interface": "lo"})
+        rclpy.init(domain_id=self.domain)
+        self.addCleanup(rclpy.try_shutdown)
+        self.node = rclpy.create_node("caller")
+
+    def call(self, kind, service, request):
+        client = self.node.create_client(kind, service)
+        self.assertTrue(client.wait_for_service(SECONDS), service)
+        reply = client.call_async(request)
+        rclpy.spin_until_future_complete(self.node, reply, timeout_sec=SECONDS)
+        return reply.result()
+
+    def check_types(self, node, services):
+        """The node has these services and no others, with the hashes of rosidl."""
+        self.assertEqual(dict(self.node.get_service_names_and_types_by_node(node, "/citylearn")),
+                         {f"/citylearn/{node}/{name}": [kind] for name, kind in services.items()})
+        for name, kind in services.items():
+            package, _, service = kind.split("/")
+            for ends, topic, half in ((self.node.get_subscriptions_info_by_topic, f"rq/citylearn/{node}/{name}Request", "Request"),
+                                      (self.node.get_publishers_info_by_topic, f"rr/citylearn/{node}/{name}Reply", "Response")):
+                told = [str(end.topic_type_hash) for end in ends(topic, no_mangle=True) if end.node_name == node]
+                self.assertEqual(told, [hash_of(package, f"{service}_{half}")], topic)
+
+    def test_teach_is_paused(self):
+        teach = [BUILD / "tools/robot/citylearn_teach", f"--output={self.folder}", "--traversal=taught", "--camera=/camera", *self.ros]
+        with running(subprocess.Popen([*teach, "--start-paused"])):
+            for data, told in ((False, "0 frames, paused"), (True, "0 frames"), (False, "0 frames, paused")):
+                reply = self.call(SetBool, "/citylearn/teach/record", SetBool.Request(data=data))
+                self.assertEqual((reply.success, reply.message), (True, told))
+            self.check_types("teach", {"record": "std_srvs/srv/SetBool"})
+
+    def test_a_robot_is_asked_for_the_way_and_sent(self):
+        (self.folder / "summer").mkdir()
+        for place in range(4):
+            (self.folder / f"summer/{place}.ppm").write_bytes(b"P6 16 16 255\n" + bytes([place]) * 768)
+        (self.folder / "summer.poses.csv").write_text("x,y\n0,0\n2,0\n4,0\n6,0\n")
+        here = as_options({"domain": own_domain(), "middleware": "fastdds", "interface": "lo"})
+        env = [BUILD / "env_service/env_service", "--dataset=live", f"--data={self.folder}", "--traversal=summer", "--as=robot",
+               "--camera=/camera", "--position=/pose", "--position-type=pose", "--goal=/goal_pose", *here, *self.ros]
+        with running(subprocess.Popen(env)):
+            way = self.call(GetPlan, "/citylearn/env_robot/get_plan", GetPlan.Request(start=pose(5.9), goal=pose(2.2))).plan
+            self.assertEqual([(each.pose.position.x, each.pose.orientation.w) for each in way.poses], [(6.0, 1.0), (4.0, 1.0), (2.0, 1.0)])
+            self.assertLess(abs(way.header.stamp.sec - time.time()), 60)
+            for goal in (pose(2.0), pose(float("nan")), pose(1e5)):  # nobody drives it, and the others are no places
+                self.assertEqual(self.call(GetPlan, "/citylearn/env_robot/set_goal", GetPlan.Request(goal=goal)).plan.poses, [])
+            self.check_types("env_robot", {"get_plan": "nav_msgs/srv/GetPlan", "set_goal": "nav_msgs/srv/GetPlan"})
+
+
+if __name__ == "__main__":
+    unittest.main()
