@@ -84,11 +84,11 @@ StreetCoverage find_coverage(const StreetGraph& graph, const std::vector<std::st
     counts += fmt::format("{}{} {}", counts.empty() ? "" : ", ", name,
                           frames.size() - std::count(frames.begin(), frames.end(), -1));
   }
-  const auto shown = found.frames.empty() ? 0 : std::count(kept.begin(), kept.end(), true);
+  const auto shown = std::count(kept.begin(), kept.end(), true);
   found.part = std::make_shared<const StreetGraph>(graph.strong_part(kept));
+  if (!counts.empty()) counts += fmt::format(", all {}, of these there and back {}", shown, found.part->links());
   found.summary =
-      fmt::format("streets: of {} links {}; all of them: {}, and there and back: {}{}", graph.links(),
-                  counts.empty() ? "none is shown" : "are shown by " + counts, shown, found.part->links(), unknown);
+      fmt::format("streets: {} links, shown by {}{}", graph.links(), counts.empty() ? "none" : counts, unknown);
   for (auto& [name, frames] : found.frames) {
     std::size_t link = 0;
     std::erase_if(frames, [&](int) { return !kept[link++]; });

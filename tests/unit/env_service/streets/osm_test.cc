@@ -212,9 +212,8 @@ TEST_F(Osm, LinksShowWhatWasRecordedThere) {
   make_file(folder_ / "other.csv", "1,2\n3,4\n");
   const Log log;
   const Traversal day = load("day"), night = load("night");
-  EXPECT_TRUE(
-      log.has("streets: of 80 links are shown by day 80, night 40; all of them: 40, and there and back: 40; "
-              "without positions: other"))
+  EXPECT_TRUE(log.has(
+      "streets: 80 links, shown by day 80, night 40, all 40, of these there and back 40; without positions: other"))
       << log.text();
   ASSERT_EQ(day.frames, 40);
   EXPECT_EQ(day.streets->hash(), night.streets->hash());

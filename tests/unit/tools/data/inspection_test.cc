@@ -62,6 +62,18 @@ TEST(Inspection, DescribesAMapOfStreets) {
   make_file(folder / "links.txt", "a,90,b\nb,270,c\n");
   ASSERT_EQ(inspected().faults.size(), 2u);
   EXPECT_TRUE(holds(inspected().faults[0].what, "links.txt:2: id c is not in nodes.txt"));
+  for (const char* name : {"nodes.txt", "links.txt"}) std::filesystem::remove(folder / name);
+  make_file(folder / "town.osm", "<osm version='0.6'/>");
+  ASSERT_EQ(inspected().faults.size(), 1u);
+  EXPECT_TRUE(holds(inspected().faults[0].what, "town.osm: has no streets on which cars can go there and back"));
+  make_file(folder / "town.osm",
+            "<osm version='0.6'><node id='1' lat='0' lon='0'/><node id='2' lat='0' lon='.0001'/><way id='1'>"
+            "<nd ref='1'/><nd ref='2'/><tag k='highway' v='road'/></way></osm>");
+  EXPECT_EQ(inspected().notes,
+            (std::vector<std::string>{"streets of town.osm: ways for cars 1, nodes 2",
+                                      "streets: places 2, links 2, junctions 0, dead ends 2, one-way links 0",
+                                      "streets: 2 links, shown by none; without positions: day, night"}));
+  EXPECT_TRUE(inspected().faults.empty() && inspected().not_taken.empty());
 }
 
 TEST(Inspection, SaysWhereARecordingMeetsItself) {
