@@ -129,7 +129,6 @@ std::vector<Case> cases() {
   all.push_back({"place_filter", {{"slip", 0}}, 64, 128, kOfScores});
   all.push_back({"place_filter", {{"slip", 0.2}, {"kidnap", 0.01}}, 12, 9, kOfScores});
   all.push_back({"place_filter", {}, 16, 24, kOfScores, 3});
-  all.push_back({"place_memory", {}, 16, 24, 1e-5, 2});
   all.push_back({"features", {}, 16, 24, 1e-5, 2});
   return all;
 }

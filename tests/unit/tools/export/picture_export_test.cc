@@ -194,7 +194,7 @@ class PictureExport : public ::testing::TestWithParam<AgentCase> {};
 INSTANTIATE_TEST_SUITE_P(Agents, PictureExport,
                          ::testing::Values(AgentCase{"place_filter", "patchnorm", Centring::kRunning, 16},
                                            AgentCase{"features", "patchnorm", Centring::kReference, 16},
-                                           AgentCase{"place_memory", "onnx", Centring::kRunning, 8}),
+                                           AgentCase{"place_filter", "onnx", Centring::kRunning, 8}),
                          [](const auto& one) { return one.param.agent + "_" + one.param.encoder; });
 
 TEST_P(PictureExport, ActsAsTheServicesDoOverEpisodes) {
