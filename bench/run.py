@@ -22,10 +22,7 @@ REPEATED = {
     "loop": ["40000"],
     "services": ["--rounds", "1", "--steps", "20000"],
     "roles": ["20000"],
-    "images": ["1"],
-    "encoding": ["--rounds", "3"],
     "beliefs": [],
-    "peers": [],
 }
 
 
@@ -60,9 +57,6 @@ def arguments():
 
 def command(build, name):
     """Returns the words that start a benchmark of a build folder. Raises Failure."""
-    script = SOURCE / name / f"{name}.py"
-    if script.exists():
-        return ["/usr/bin/python3", "-B", str(script), str(build)]  # Debian's, which has numpy
     words = [build / f"bench/{name}/bench_{name}"]
     if (SOURCE / f"cases/{name}.md").exists():
         words = [build / "bench/cases/bench_cases", name]

@@ -3,15 +3,6 @@
 
 namespace citylearn::bench {
 
-void take_turns(std::span<Contender> contenders, int rounds) {
-  for (const Contender& one : contenders) one.work();
-  for (int round = 0; round < rounds; ++round)
-    for (Contender& one : contenders) {
-      one.seconds.push_back(seconds(one.work));
-      one.ratios.push_back(one.seconds.back() / contenders.front().seconds.back());
-    }
-}
-
 Session::Session(std::string middleware) : middleware_(std::move(middleware)) {
   static int count = 0;
   name_ = "bench-" + std::to_string(getpid()) + "-" + std::to_string(++count);

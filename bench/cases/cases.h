@@ -4,7 +4,6 @@
 #include <CLI/CLI.hpp>
 #include <functional>
 #include <memory>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -19,22 +18,10 @@ namespace citylearn::bench {
 /// Each adds its options to the command of its name and returns what it measures. NAME.md states its question.
 using Measure = std::function<void()>;
 Measure beliefs(CLI::App& command);
-Measure encoding(CLI::App& command);
-Measure images(CLI::App& command);
 Measure loop(CLI::App& command);
 Measure roles(CLI::App& command);
 Measure security(CLI::App& command);
 Measure services(CLI::App& command);
-
-/// What is timed by turns with others.
-struct Contender {
-  std::string name;
-  std::function<void()> work;
-  std::vector<double> seconds = {}, ratios = {};  ///< by round; the time divided by the first contender's
-};
-
-/// Times all contenders in each round. All work once before, to warm up.
-void take_turns(std::span<Contender> contenders, int rounds);
 
 /// Services on loopback that find none but one another. They are killed when this goes.
 class Session {

@@ -12,8 +12,6 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   Measure chosen;
   for (const Case& one : {Case{"beliefs", "What acting costs with whole and with sparse beliefs", beliefs},
-                          {"encoding", "What encoders cost beside decoding the pictures", encoding},
-                          {"images", "Training on pictures beside training on features, over DDS", images},
                           {"loop", "Training over DDS beside training in one process", loop},
                           {"roles", "A learner with actors beside one policy_service that is both", roles},
                           {"security", "A secured training beside one that is not", security},

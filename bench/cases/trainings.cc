@@ -5,7 +5,6 @@
 #include "bench/cases/cases.h"
 #include "bench/program.h"
 #include "core/util/processors.h"
-#include "core/util/random.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/product.h"
 #include "tools/lab/training.h"
@@ -27,10 +26,8 @@ struct Layout {
   std::string figure;             ///< the name of its steps per second
   std::string middleware, agent;  ///< without a middleware it is in one process
   int steps = 0, environments = 1, agents_each = 0, actors = 0;
-  Arguments environment = {"--synthetic-images", "0"};
   Arguments policy = {};
-  std::string store = {};  ///< of an encoder_service; empty: none
-  std::string keys = {};   ///< a keystore with keys of env-0 and policy; empty: nothing is secured
+  std::string keys = {};  ///< a keystore with keys of env-0 and policy; empty: nothing is secured
 };
 
 /// What a training takes: steps per second, shares of the time, updates, seconds.
@@ -80,8 +77,7 @@ Cost train(const Layout& layout) {
   };
   for (int i = 0; i < layout.environments; ++i)
     start(CITYLEARN_ENV_SERVICE, "env-" + std::to_string(i),
-          {"--traversal", "summer", "--agents", std::to_string(layout.agents_each)}, layout.environment);
-  if (!layout.store.empty()) start(CITYLEARN_ENCODER_SERVICE, "encoder", {"--store", layout.store}, {});
+          {"--traversal", "summer", "--agents", std::to_string(layout.agents_each)}, {"--synthetic-images", "0"});
   for (int i = 0; i < layout.actors; ++i)
     start(CITYLEARN_POLICY_SERVICE, "actor-" + std::to_string(i), {"--role", "actor"}, {});
   const std::string out = session.folder() / "out";
@@ -163,29 +159,6 @@ void compare_services(const Options& options) {
     }
 }
 
-void compare_images(const Options& options) {
-  const testing::Folder folder;
-  {
-    Random random(1);
-    std::ofstream out(folder / "summer.csv");  // 128 frames of 64 features
-    for (int i = 1; i <= 128 * 64; ++i) out << random.normal() / 8 << (i % 64 == 0 ? '\n' : ',');
-  }
-  for (const std::string& middleware : options.middlewares)
-    for (const std::string& agent : options.agents) {
-      const int steps = agent == "place_filter" ? options.steps * 20 / 3 : options.steps;  // it is so much faster
-      std::vector<Layout> layouts(2, {"", middleware, agent, steps, 1, recommended_agents(agent)});
-      layouts[0].figure = agent + ", features";
-      layouts[0].environment = {"--dataset", "plain", "--data", folder.path()};
-      layouts[1].figure = agent + ", images";
-      layouts[1].environment = {"--dataset", "synthetic", "--frames", "0:128"};
-      layouts[1].store = folder / "store";
-      Layout first = layouts[1];
-      first.steps = 10000;
-      train(first);  // fills the store
-      compare(layouts, options.rounds);
-    }
-}
-
 void compare_secured(const Options& options) {
   const testing::Folder folder;
   const std::string keys = folder / "keys";
@@ -199,13 +172,12 @@ void compare_secured(const Options& options) {
     }
 }
 
-/// Adds the options that all trainings have; the first one may be given without its name.
-Measure add_trainings(CLI::App& command, const std::string& first, Options defaults, void (*measure)(const Options&)) {
+/// Adds the options that all trainings have.
+Measure add_trainings(CLI::App& command, Options defaults, void (*measure)(const Options&)) {
   const auto options = std::make_shared<Options>(std::move(defaults));
-  const auto named = [&](const std::string& name) { return name == first ? name + ",--" + name : "--" + name; };
   const auto positive = CLI::Range(1, 1000000000);
-  command.add_option(named("steps"), options->steps, "environment steps of each training")->check(positive);
-  command.add_option(named("rounds"), options->rounds, "of which medians are printed")->check(positive);
+  command.add_option("steps,--steps", options->steps, "environment steps of each training")->check(positive);
+  command.add_option("--rounds", options->rounds, "of which medians are printed")->check(positive);
   command.add_option("--agent", options->agents, "networks");
   command.add_option("--middleware", options->middlewares, "cyclonedds, fastdds");
   if (measure == compare_loops) command.add_option("--math", options->math, "library that multiplies matrices");
@@ -217,25 +189,20 @@ Measure add_trainings(CLI::App& command, const std::string& first, Options defau
 
 }  // namespace
 
-Measure images(CLI::App& command) {
-  return add_trainings(command, "rounds", {.agents = {"place_filter", "features"}, .steps = 60000, .rounds = 5},
-                       compare_images);
-}
-
 Measure loop(CLI::App& command) {
-  return add_trainings(command, "steps", {.middlewares = {"cyclonedds", "fastdds"}, .steps = 120000}, compare_loops);
+  return add_trainings(command, {.middlewares = {"cyclonedds", "fastdds"}, .steps = 120000}, compare_loops);
 }
 
-Measure roles(CLI::App& command) { return add_trainings(command, "steps", {}, compare_roles); }
+Measure roles(CLI::App& command) { return add_trainings(command, {}, compare_roles); }
 
 Measure security(CLI::App& command) {
   return add_trainings(
-      command, "", {.agents = {"place_filter"}, .middlewares = {"cyclonedds", "fastdds"}, .steps = 40960, .rounds = 3},
+      command, {.agents = {"place_filter"}, .middlewares = {"cyclonedds", "fastdds"}, .steps = 40960, .rounds = 3},
       compare_secured);
 }
 
 Measure services(CLI::App& command) {
-  return add_trainings(command, "",
+  return add_trainings(command,
                        {.agents = {"features", "place_filter"}, .middlewares = {"cyclonedds", "fastdds"}, .rounds = 5},
                        compare_services);
 }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/command_line/progress.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <unistd.h>
 
 #include <cmath>
-#include <cstdio>
 #include <iostream>
 
 #include "core/util/log_format.h"
@@ -13,12 +13,8 @@ namespace citylearn {
 
 std::string clock_time(double seconds) {
   const long all = std::lround(std::ceil(seconds));
-  char text[64];
-  if (all >= 3600)
-    std::snprintf(text, sizeof(text), "%ld:%02ld:%02ld", all / 3600, all / 60 % 60, all % 60);
-  else
-    std::snprintf(text, sizeof(text), "%ld:%02ld", all / 60, all % 60);
-  return text;
+  if (all < 3600) return fmt::format("{}:{:02}", all / 60, all % 60);
+  return fmt::format("{}:{:02}:{:02}", all / 3600, all / 60 % 60, all % 60);
 }
 
 Progress::Progress(std::string what, int total)

@@ -5,6 +5,7 @@
 #include <ifaddrs.h>
 #include <net/if.h>
 #include <sched.h>
+#include <spdlog/fmt/fmt.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -149,9 +150,7 @@ void expect_peers(const Network& network, DiscoveryMonitor& discovery) {
 std::string vendor_name(std::uint8_t major, std::uint8_t minor) {
   if (major == 0x01 && minor == 0x0F) return "fastdds";
   if (major == 0x01 && minor == 0x10) return "cyclonedds";
-  char text[16];
-  std::snprintf(text, sizeof text, "vendor %02x.%02x", major, minor);
-  return text;
+  return fmt::format("vendor {:02x}.{:02x}", major, minor);
 }
 
 }  // namespace internal

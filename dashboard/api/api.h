@@ -63,9 +63,9 @@ class Api {
   Answer remove(const std::string& name);
   Answer annotate(const std::string& name, const Query& query);
   Answer training(const RunRow& row, const Query& query);
-  Answer all_training(const RunRow& row, bool csv);
+  Answer all_training(const RunRow& row);
   Answer episodes(const RunRow& row, const Query& query);
-  Answer all_episodes(const RunRow& row, bool csv);
+  Answer all_episodes(const RunRow& row);
   Answer evaluations(const RunRow& row);
   Answer episode(const Query& query);
   nlohmann::json run_json(const RunRow& row);

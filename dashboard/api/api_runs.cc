@@ -106,12 +106,10 @@ Answer Api::answer_run(const Query& query) {
   if (part == "episodes") return episodes(*row, query);
   allow_only(query, {});
   if (part.empty()) return run(*row);
-  if (part == "training.csv" || part == "training.json") return all_training(*row, part == "training.csv");
-  if (part == "episodes.csv" || part == "episodes.json") return all_episodes(*row, part == "episodes.csv");
+  if (part == "training.csv") return all_training(*row);
+  if (part == "episodes.csv") return all_episodes(*row);
   if (part == "evaluations") return evaluations(*row);
-  not_found("a run has no '" + part +
-            "' (training, training.csv, training.json, episodes, episodes.csv, episodes.json, "
-            "evaluations)");
+  not_found("a run has no '" + part + "' (training, training.csv, episodes, episodes.csv, evaluations)");
 }
 
 Answer Api::run(const RunRow& row) {

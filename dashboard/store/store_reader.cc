@@ -201,27 +201,18 @@ Decimator StoreReader::training(const TrainingQuery& query, std::size_t points) 
 }
 
 void StoreReader::training(std::int64_t run, const std::function<void(std::span<const double>)>& each,
-                           const RowRange& range, const TrainingFigure* figure) {
-  const std::span<const TrainingFigure> all = training_figures();
-  const std::string columns = figure ? column_of(all.front()) + ", " + column_of(*figure) : joined(all, column_of);
-  std::vector<double> values(figure ? 2 : all.size());
+                           const RowRange& range) {
+  std::vector<double> values(training_figures().size());
   const auto read = [&](const auto& row) {
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_at<double>(row, static_cast<int>(i));
     each(values);
   };
   with_file_errors(impl_->path, [&] {
-    SQLite::Statement rows(impl_->database,
-                           "SELECT " + columns + " FROM training WHERE key BETWEEN ? AND ? ORDER BY key LIMIT ?");
+    SQLite::Statement rows(impl_->database, "SELECT " + joined(training_figures(), column_of) +
+                                                " FROM training WHERE key BETWEEN ? AND ? ORDER BY key LIMIT ?");
     impl_->each_row(rows, read, training_key(run, std::min(range.first, kMaxUpdate)),
                     training_key(run, std::min(range.last, kMaxUpdate)), range.limit);
   });
-}
-
-NumberSet StoreReader::updates(std::int64_t run, std::uint64_t last) {
-  NumberSet numbers;
-  const auto add = [&](std::span<const double> values) { numbers.add(static_cast<std::uint64_t>(values[0])); };
-  training(run, add, {.last = last}, &training_figures().front());
-  return numbers;
 }
 
 std::vector<EpisodeRow> StoreReader::episodes(std::int64_t run, const EpisodeFilter& filter, bool worst,

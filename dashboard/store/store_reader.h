@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "core/task/training_figures.h"
-#include "core/util/number_set.h"
 #include "dashboard/store/decimate.h"
 #include "dashboard/store/rows.h"
 
@@ -43,11 +42,8 @@ class StoreReader {
     std::optional<double> from, to;
   };
   Decimator training(const TrainingQuery& query, std::size_t points);
-  /// Calls `each` with all training figures of updates, or with the update and `figure` alone.
-  void training(std::int64_t run, const std::function<void(std::span<const double>)>& each, const RowRange& range = {},
-                const TrainingFigure* figure = nullptr);
-  /// Returns which updates up to `last` there are.
-  NumberSet updates(std::int64_t run, std::uint64_t last);
+  /// Calls `each` with all training figures of updates.
+  void training(std::int64_t run, const std::function<void(std::span<const double>)>& each, const RowRange& range = {});
 
   std::vector<EpisodeRow> episodes(std::int64_t run, const EpisodeFilter& filter, bool worst, std::size_t limit);
   std::uint64_t count(std::int64_t run, const EpisodeFilter& filter);

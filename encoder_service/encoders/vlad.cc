@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 
 #include "core/util/random.h"
 #include "encoder_service/encoding/byte_stream.h"
@@ -86,10 +87,7 @@ class Vlad final : public PictureEncoder {
   /// The words change the numbers, so they belong into the name.
   void name_state() {
     const auto* first = reinterpret_cast<const std::byte*>(vocabulary_.data());
-    char text[16];
-    std::snprintf(text, sizeof text, "%08x",
-                  checksum({first, static_cast<std::size_t>(vocabulary_.size()) * sizeof(float)}));
-    learned_ = text;
+    learned_ = fmt::format("{:08x}", checksum({first, static_cast<std::size_t>(vocabulary_.size()) * sizeof(float)}));
   }
 
   /// The longer side is brought to one length, so that a bin sees the same part of pictures of any size.

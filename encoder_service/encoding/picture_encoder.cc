@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encoder_service/encoding/picture_encoder.h"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
-#include <cstdio>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -41,11 +42,7 @@ void for_each_on_threads(int count, const std::function<void(int)>& work) {
 
 std::string encoder_name(const std::string& name_and_version, const Parameters& parameters) {
   std::string name = name_and_version;
-  for (const auto& [parameter, value] : parameters.values()) {
-    char text[32];
-    std::snprintf(text, sizeof text, "%.9g", value);
-    name += " " + parameter + "=" + text;
-  }
+  for (const auto& [parameter, value] : parameters.values()) name += fmt::format(" {}={:.9g}", parameter, value);
   return name;
 }
 

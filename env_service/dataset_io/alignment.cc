@@ -22,11 +22,7 @@ std::string frame_of(const Traversal& traversal, int frame) {
   return "frame " + std::to_string(frame) + " of " + traversal.name;
 }
 
-std::string rounded(double number) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f", number);
-  return text;
-}
+std::string rounded(double number) { return fmt::format("{:.1f}", number); }
 
 /// The cheapest choice of one candidate a step (Viterbi's algorithm). A path runs along the frames or against them: it
 /// never goes the other way, or else the fewest times. Against them metres count twice: there and back, a route runs

@@ -169,6 +169,9 @@ TrainedAgent unbuilt_agent(const Checkpoint& checkpoint) {
   try {
     const nlohmann::json& header = checkpoint.header;
     agent.name = header.at("agent").get<std::string>();
+    if (agent.name == "place_memory")
+      throw Error("is of the agent place_memory, which exists up to version 0.1 only", "checkpoint",
+                  "train place_filter on the same data, or use version 0.1");
     agent.task.features = header.at("task").at("features").get<int>();
     agent.task.frames = header.at("task").at("frames").get<int>();
     agent.first_frame = header.at("task").at("first_frame").get<int>();

@@ -16,8 +16,8 @@ A first run needs none of them, or these
   --evaluate A,B       traversals to evaluate on (default all)
   --frames FIRST:END   part of the route to use, 0-based, half open (default
                        0:128, or all of a shorter route)
-  --agent NAME         place_filter (default), place_memory, features,
-                       raw_images, baseline
+  --agent NAME         place_filter (default), features, raw_images,
+                       baseline
   --output DIR         summary.json, metrics.csv, manifest.json, checkpoints/
                        (default $RUNS/TIME, from the folder that you are in)
 

@@ -2,7 +2,6 @@
 #include <CLI/CLI.hpp>
 
 #include "core/plugin/plugins.h"
-#include "core/util/name.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/pipeline/learned_files.h"
@@ -29,11 +28,8 @@ void add_options(CLI::App& app, PictureExportOptions& options, std::string& pict
   app.add_option("--picture", picture,
                  "Write FILE.onnx from a picture to an action. Width and height of the pictures: 160x96, as recorded")
       ->type_name("SIZE");
-  app.add_option("--manifest", options.manifest,
-                 "The run's manifest.json, which says what the agent learned with; by default beside the checkpoint's "
-                 "folder")
-      ->type_name("FILE");
-  app.add_option("--encoder", options.encoder, "Encoder that the agent learned with; by default as the manifest says");
+  app.add_option("--encoder", options.encoder,
+                 "Encoder that the agent learned with; by default as the checkpoint says");
   add_encoder_options(app, options.files, options.parameters, encoding);
   app.add_option("--reduction", options.reduction_file, "File of the reduction; by default found in --store")
       ->type_name("FILE");
@@ -41,9 +37,6 @@ void add_options(CLI::App& app, PictureExportOptions& options, std::string& pict
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
       ->capture_default_str();
-  app.add_option("--reference", options.reference,
-                 "Traversal that the encoder_service learned on; by default the first that the agent learned on")
-      ->transform(name_from);
 }
 
 }  // namespace

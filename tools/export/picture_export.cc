@@ -18,70 +18,37 @@ namespace {
 
 constexpr int kMaxSide = 4096;  // pixels
 
-/// What an agent learned from, as its checkpoint says, or else the manifest of its run.
-class TrainedOn {
- public:
-  /// Throws Error when neither says it, or the run had no encoder_service.
-  TrainedOn(const PictureExportOptions& options, const TrainingData& data)
-      : path_(data.known() && options.manifest.empty() ? options.agent.checkpoint : manifest_of(options)),
-        data_(path_ == options.agent.checkpoint ? data : TrainingData::parse(read_file(path_), path_)) {
-    const auto recipe =
-        data_.known() ? FeatureRecipe::parse(data_.traversals.front().encoder.value_or("")) : std::nullopt;
-    if (!recipe)
-      throw Error("names no encoder that the agent learned with", path_,
-                  "export an agent of a run with an encoder_service; without --picture the agent is written alone");
-    recipe_ = *recipe;
-  }
-  const FeatureRecipe& recipe() const { return recipe_; }
-  /// Returns the first traversal that it learned on.
-  std::string first() const { return data_.traversals.front().traversal; }
-  /// Returns the hash of the traversal that the reduction was learned on; `name` where nothing else says which.
-  std::uint64_t reference(const std::string& name) const {
-    if (recipe_.learned_on != 0) return recipe_.learned_on;
-    for (const TraversalContents& one : data_.traversals)
-      if (one.traversal == name) return one.hash;
-    throw Error("knows no traversal '" + name + "'", path_,
-                "name with --reference a traversal of its run, or the file with --reduction");
-  }
+/// Returns how the features were made that an agent learned with. Throws Error when its checkpoint does not say it.
+FeatureRecipe recipe_of_agent(const TrainedAgent& agent, const std::string& checkpoint) {
+  const auto& traversals = agent.data.traversals;
+  const auto recipe = traversals.empty() ? std::nullopt : FeatureRecipe::parse(traversals[0].encoder.value_or(""));
+  if (!recipe)
+    throw Error("names no encoder that the agent learned with", checkpoint,
+                "its run had no encoder_service, or is of version 0.1; without --picture the agent is written alone");
+  return *recipe;
+}
 
- private:
-  /// Checkpoints are in a folder beside the manifest of their run.
-  static std::string manifest_of(const PictureExportOptions& options) {
-    namespace fs = std::filesystem;
-    if (!options.manifest.empty()) return options.manifest;
-    std::string path = fs::absolute(options.agent.checkpoint).parent_path().parent_path() / "manifest.json";
-    if (!fs::exists(path))
-      throw Error("is not there", path, "it says which encoder the agent learned with; name it with --manifest");
-    return path;
-  }
-
-  std::string path_;
-  TrainingData data_;
-  FeatureRecipe recipe_;
-};
-
-Reduction find_reduction(const PictureExportOptions& options, const TrainedOn& trained, const Encoder::Spec& encoder,
+/// Returns the reduction of descriptors of `dimension` numbers to `features`.
+Reduction find_reduction(const PictureExportOptions& options, const FeatureRecipe& recipe, int dimension,
                          int features) {
-  const std::string& recipe = trained.recipe().reduction;
   std::string path = options.reduction_file;
-  auto wanted = options_of(recipe);
+  auto wanted = options_of(recipe.reduction);
   if (wanted) require_exportable(wanted->centring);
   if (path.empty()) {
     if (!wanted)
-      throw Error("is needed: the agent learned with the reduction in a file '" + recipe + "'", "--reduction");
+      throw Error("is needed: the agent learned with the reduction in a file '" + recipe.reduction + "'",
+                  "--reduction");
     if (wanted->dimension > 0) wanted->dimension = features;  // a short reference has fewer than the recipe says
     if (wanted->dimension == 0 && wanted->centring == Centring::kNone)
-      return Reduction::learn(Eigen::MatrixXf::Zero(encoder.dimension, 1), *wanted);
-    const std::string reference = options.reference.empty() ? trained.first() : options.reference;
-    path = reduction_path(options.store, encoder.name, trained.reference(reference), *wanted);
+      return Reduction::learn(Eigen::MatrixXf::Zero(dimension, 1), *wanted);
+    path = reduction_path(options.store, recipe.encoder, recipe.learned_on, *wanted);
     if (options.store.empty() || !std::filesystem::exists(path))
-      throw Error("has no reduction (" + recipe + ") learned on '" + reference + "'",
+      throw Error("has no reduction of '" + recipe.text() + "'",
                   options.store.empty() ? "no --store" : "store " + options.store,
-                  "name the encoder_service's --store, the traversal it learned on with --reference, or the file with "
-                  "--reduction");
+                  "name the encoder_service's --store, or the file with --reduction");
   }
   const std::string bytes = read_file(path);
-  return Reduction::load(std::as_bytes(std::span(bytes)), encoder.name, path);
+  return Reduction::load(std::as_bytes(std::span(bytes)), recipe.encoder, path);
 }
 
 }  // namespace
@@ -135,10 +102,10 @@ void export_picture_agent(const PictureExportOptions& options) {
   if (std::filesystem::path(options.agent.output).extension() != ".onnx")
     throw Error("'" + options.agent.output + "' is not a file FILE.onnx", "--output");
   const ExportedAgent exported = read_exported_agent(options.agent);
-  const TrainedOn trained(options, exported.agent.data);
+  const FeatureRecipe recipe = recipe_of_agent(exported.agent, options.agent.checkpoint);
   PictureEncoding encoding;
   const auto [entry, files] =
-      choose_encoder(options.encoder.empty() ? trained.recipe().encoder_option() : options.encoder, options.files);
+      choose_encoder(options.encoder.empty() ? recipe.encoder_option() : options.encoder, options.files);
   encoding.encoder = entry.name;
   const auto given = options.parameters.find(entry.name);
   encoding.parameters = Parameters("encoder " + entry.name, entry.parameters,
@@ -146,14 +113,14 @@ void export_picture_agent(const PictureExportOptions& options) {
   encoding.files = files;
   require_exportable(entry.name);
   const Encoder::Spec spec = entry.create(encoding.parameters, encoding.files)->spec();
-  if (spec.name != trained.recipe().encoder)
+  if (spec.name != recipe.encoder)
     throw Error("is '" + spec.name + "', but the agent of " + options.agent.checkpoint + " learned with '" +
-                    trained.recipe().encoder + "'",
+                    recipe.encoder + "'",
                 "encoder", "give the encoder_service's options");
-  encoding.reduction = find_reduction(options, trained, spec, exported.agent.task.features);
+  encoding.reduction = find_reduction(options, recipe, spec.dimension, exported.agent.task.features);
   encoding.picture = options.picture;
   std::map<std::string, std::string> metadata = exported.metadata;
-  metadata["encoder"] = trained.recipe().text();
+  metadata["encoder"] = recipe.text();
   const std::string bytes = picture_agent_bytes(encoding, exported.agent, exported.parameters, metadata);
   write_file(options.agent.output, bytes);
   spdlog::info(

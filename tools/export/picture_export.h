@@ -18,15 +18,13 @@ struct PictureSize {
 PictureSize picture_size(const std::string& text);
 
 struct PictureExportOptions {
-  ExportOptions agent;   ///< its checkpoint and parameters, and the file to write, NAME.onnx
-  std::string manifest;  ///< manifest.json of the run; empty: that beside the checkpoint's folder
-  std::string encoder;   ///< name; empty: the one that the manifest names
+  ExportOptions agent;  ///< its checkpoint and parameters, and the file to write, NAME.onnx
+  std::string encoder;  ///< name; empty: the one that the checkpoint names
   std::map<std::string, std::map<std::string, double>> parameters;  ///< given ones, by encoder
   EncoderFiles files;
   PictureSize picture;
-  std::string reduction_file;  ///< of the reduction; empty: the one in `store` that the manifest names
+  std::string reduction_file;  ///< of the reduction; empty: the one in `store` that the checkpoint names
   std::string store;           ///< of the encoder_service that the agent learned with
-  std::string reference;  ///< traversal that it learned the reduction on; empty: the first that the agent learned on
 };
 
 /// Writes encoder, reduction and agent as one ONNX file, from a picture to an action

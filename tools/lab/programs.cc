@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <optional>
 
 #include "core/files/files.h"
 #include "core/util/error.h"
@@ -42,35 +43,46 @@ std::string last_line(const std::string& text) {
   return text.substr(begin, end + 1 - begin);
 }
 
-}  // namespace
-
-Child::Child(std::vector<std::string> command, const std::string& log) {
-  std::vector<char*> words;
-  for (std::string& word : command) words.push_back(word.data());
-  words.push_back(nullptr);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_addopen(&actions, 1, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
-  posix_spawn_file_actions_adddup2(&actions, 1, 2);
-  const int failed = posix_spawnp(&id_, words[0], &actions, nullptr, words.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (failed) throw Error("cannot be started: " + std::string(std::strerror(failed)), "'" + command[0] + "'");
-}
-
-Child::~Child() {
-  if (status()) return;
-  ::kill(id_, SIGKILL);
-  while (::waitpid(id_, nullptr, 0) < 0 && errno == EINTR) {
+/// A child process, killed when this object is destroyed.
+class Child {
+ public:
+  /// Throws Error when it cannot be started. Its output goes to the file `log`.
+  Child(std::vector<std::string> command, const std::string& log) {
+    std::vector<char*> words;
+    for (std::string& word : command) words.push_back(word.data());
+    words.push_back(nullptr);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
+    posix_spawn_file_actions_addopen(&actions, 1, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    posix_spawn_file_actions_adddup2(&actions, 1, 2);
+    const int failed = posix_spawn(&id_, words[0], &actions, nullptr, words.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
+    if (failed) throw Error("cannot be started: " + std::string(std::strerror(failed)), "'" + command[0] + "'");
   }
-}
+  ~Child() {
+    if (status()) return;
+    ::kill(id_, SIGKILL);
+    while (::waitpid(id_, nullptr, 0) < 0 && errno == EINTR) {
+    }
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
 
-std::optional<int> Child::status() {
-  int status = 0;
-  if (!status_ && ::waitpid(id_, &status, WNOHANG) == id_)
-    status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  return status_;
-}
+  /// Returns its exit status once it has ended, 128 + signal when one ended it; nothing while it runs.
+  std::optional<int> status() {
+    int status = 0;
+    if (!status_ && ::waitpid(id_, &status, WNOHANG) == id_)
+      status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    return status_;
+  }
+
+ private:
+  pid_t id_ = -1;
+  std::optional<int> status_;
+};
+
+}  // namespace
 
 void run_python(const std::string& program, const std::vector<std::string>& arguments) {
   const std::string path = tools_folder() / program;

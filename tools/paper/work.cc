@@ -30,7 +30,7 @@ Json repeatable(const Json& outcome) {
   for (const auto& [key, value] : outcome.items()) {
     if (outcome.is_array())
       kept.push_back(repeatable(value));
-    else if (key != "seconds" && key != "bytes")
+    else if (key != "seconds")
       kept[key] = repeatable(value);
   }
   return kept;
@@ -40,7 +40,7 @@ Json measured(const Json& outcome) {
   Json found;
   if (!outcome.is_object()) return found;
   for (const auto& [key, value] : outcome.items())
-    if (key == "seconds" || key == "bytes")
+    if (key == "seconds")
       found[key] = value;
     else if (const Json inner = measured(value); !inner.is_null())
       found[key] = inner;

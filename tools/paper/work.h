@@ -29,7 +29,7 @@ struct Unit {
   std::function<Json()> compute;  ///< throws Error, and Stopped soon after stop_requested()
 };
 
-/// `outcome` without what depends on the machine: all members named "seconds" or "bytes", at whatever depth.
+/// `outcome` without what depends on the machine: all members named "seconds", at whatever depth.
 Json repeatable(const Json& outcome);
 /// Returns only those members, in their objects; null when there are none.
 Json measured(const Json& outcome);

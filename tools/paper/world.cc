@@ -9,7 +9,6 @@
 #include "core/util/error.h"
 #include "encoder_service/encoder_options.h"
 #include "tools/lab/descriptors.h"
-#include "tools/paper/studies/simulated.h"
 
 namespace citylearn::paper {
 namespace {
@@ -54,13 +53,6 @@ World::World(const WorldOptions& options) : options_(options) {
     throw Error("dataset " + options.source.dataset + " has features already", "--encoder", "leave it out");
 }
 
-World::World(const WorldOptions& options, const std::vector<Traversal>& recordings) : options_(options) {
-  for (const Traversal& recording : recordings) {
-    names_.push_back(recording.name);
-    recordings_[recording.name] = recording;
-  }
-}
-
 World::~World() = default;
 
 bool World::pictures() const { return recordings_.at(train()).images != nullptr; }
@@ -87,45 +79,6 @@ Json World::hashes(const std::vector<std::string>& names) {
   Json all = Json::object();
   for (const std::string& name : names) all[name] = fmt::format("{:016x}", hash(name));
   return all;
-}
-
-std::vector<double> World::lateral_shifts() const {
-  if (drawn()) return {0, 0.5, 1, 2, 3};
-  return {0, 0.05, 0.1, 0.2};
-}
-
-std::string World::shifted_name(double shift) const {
-  return drawn() ? fmt::format("{:g} m", shift) : fmt::format("{:g} %", 100 * shift);
-}
-
-World& World::laterally_shifted() {
-  if (laterally_shifted_) return *laterally_shifted_;
-  if (!pictures()) throw Error("has no pictures to shift", "dataset " + dataset());
-  constexpr double kWindow = 0.8;  // of the width; the largest shift goes to its edge
-  std::vector<Traversal> all = {recordings_.at(train())};
-  for (const double shift : lateral_shifts()) {
-    Traversal moved = all.front();
-    if (drawn()) {
-      Source source = options_.source;
-      source.parameters[dataset()]["viewpoint"] = shift;
-      moved = select(*open_dataset(source), "shifted", selection_);
-    } else {
-      moved.images = cropped(moved.images, shift, kWindow);
-    }
-    moved.name = shifted_name(shift);
-    all.push_back(std::move(moved));
-  }
-  if (!drawn()) all.front().images = cropped(all.front().images, 0, kWindow);
-  laterally_shifted_.reset(new World(options_, all));
-  return *laterally_shifted_;
-}
-
-World& World::mixed() {
-  if (mixed_) return *mixed_;
-  if (names_.size() < 2) throw Error("has one traversal alone", "dataset " + dataset());
-  const Traversal &first = recordings_.at(names_[0]), &second = recordings_.at(names_[1]);
-  mixed_.reset(new World(options_, {first, second, mixture(first, second, "mixed")}));
-  return *mixed_;
 }
 
 Json World::description() const {

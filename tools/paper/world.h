@@ -56,25 +56,10 @@ class World {
   /// A traversal with the features of a representation.
   const Traversal& traversal(const std::string& representation, const std::string& name);
 
-  /// Returns the traversal learned from, and the same route seen by a laterally shifted camera: a traversal named
-  /// shifted_name() for each of lateral_shifts(). Drawn: "shifted" with the camera so many metres further left. Real
-  /// pictures: a simulated shift, a window of 4/5 of the picture's width (of the traversal learned from too) moved
-  /// right by such a share of it. Made once; the world must have pictures. Throws Error.
-  World& laterally_shifted();
-  /// Returns the traversal learned from, one more, and as 'mixed' a simulated third condition for recordings that have
-  /// no other: each frame is a mixture of these two, of their pictures or of their features, and from place to place
-  /// more of the one or of the other, as if snow had melted in patches. Made once; needs two traversals. Throws Error.
-  World& mixed();
-  std::vector<double> lateral_shifts() const;
-  std::string shifted_name(double shift) const;  ///< "1.5 m", "10 %"
-
   /// {"drawn", "train", "frames", "traversals": [{"name", "condition"}]}, the traversal learned from first.
   Json description() const;
 
  private:
-  /// Takes recordings that exist already; the first is learned from.
-  World(const WorldOptions& options, const std::vector<Traversal>& recordings);
-
   struct Encoded;
   Encoded& encoded(const std::string& encoder);
 
@@ -85,7 +70,6 @@ class World {
   std::map<std::string, std::uint64_t> hashes_;
   std::map<std::string, std::unique_ptr<Encoded>> encoded_;              ///< by encoder
   std::map<std::pair<std::string, std::string>, Traversal> traversals_;  ///< by representation and name
-  std::unique_ptr<World> laterally_shifted_, mixed_;
 };
 
 /// The encoder of a representation "ENCODER-D".

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/fmt/chrono.h>
+
 #include <CLI/CLI.hpp>
 #include <ctime>
 #include <iostream>
@@ -104,15 +106,6 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false);
 }
 
-std::string folder_of_now() {
-  const std::time_t now = std::time(nullptr);
-  std::tm local{};
-  localtime_r(&now, &local);
-  char text[64];
-  std::strftime(text, sizeof(text), "runs/vpr-%Y%m%d-%H%M%S", &local);
-  return text;
-}
-
 int run(CommandLine& line) {
   if (line.list) {
     std::cout << list_encoders();
@@ -125,7 +118,8 @@ int run(CommandLine& line) {
   options.store = line.store == "none" ? "" : line.store;
   options.pictures = !line.no_pictures;
   options.matching.overview = options.pictures ? 1024 : 0;
-  if (options.output.empty()) options.output = folder_of_now();
+  if (options.output.empty())
+    options.output = fmt::format("runs/vpr-{:%Y%m%d-%H%M%S}", fmt::localtime(std::time(nullptr)));
   return vpr::evaluate(options);
 }
 

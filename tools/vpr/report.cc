@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/vpr/report.h"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
 #include <cctype>
 #include <cmath>
-#include <cstdio>
 
 #include "core/files/csv.h"
 #include "core/util/version.h"
@@ -14,11 +15,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::string number(double value, const char* format = "%.6g") {
-  if (std::isnan(value)) return "nan";
-  char text[32];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
+std::string number(double value, const char* format = "{:.6g}") {
+  return std::isnan(value) ? "nan" : fmt::format(fmt::runtime(format), value);
 }
 
 std::string cell(const Json& value) {
@@ -52,12 +50,12 @@ std::string table(const std::vector<Row>& rows) {
          {"encoder", "dimension", "centring", "method", "query", "recall_1", "recall_1_interval", "recall_5",
           "recall_10", "recall_20", "auc", "auc_interval", "roc_auc", "encode_seconds", "seconds"}) {
       const Json& fact = row.facts[name];
-      const auto figure = [](const Json& of) { return number(of.get<double>(), "%.3f"); };
+      const auto figure = [](const Json& of) { return number(of.get<double>(), "{:.3f}"); };
       line.push_back(fact.is_string()          ? fact.get<std::string>()
                      : fact.is_array()         ? figure(fact[0]) + "-" + figure(fact[1])
                      : !fact.is_number_float() ? fact.dump()
                      : line.size() < 13        ? figure(fact)
-                                               : number(fact.get<double>(), "%.1f"));
+                                               : number(fact.get<double>(), "{:.1f}"));
     }
   }
   std::vector<std::size_t> widths(cells[0].size());

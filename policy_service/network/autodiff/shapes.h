@@ -51,60 +51,48 @@ Variable<S> gather_columns(const Variable<S>& a, const std::vector<int>& which) 
       });
 }
 
+/// Returns the matrices one `below` the other, else side by side.
+template <class S>
+Variable<S> stacked(const std::vector<Variable<S>>& parts, bool below) {
+  const Variable<S>& first = parts.at(0);
+  std::ptrdiff_t height = below ? 0 : first.rows(), width = below ? first.cols() : 0;
+  for (const Variable<S>& part : parts) {
+    if (below ? part.cols() != first.cols() : part.rows() != first.rows())
+      throw Error(first.size() + (below ? " above " : " beside ") + part.size(),
+                  below ? "tape, stack_rows" : "tape, stack_columns");
+    (below ? height : width) += below ? part.rows() : part.cols();
+  }
+  // Calls `each` with each part and its block of the whole.
+  const auto for_each_block = [below](const std::vector<Variable<S>>& all, auto& whole, const auto& each) {
+    std::ptrdiff_t at = 0;
+    for (const Variable<S>& part : all) {
+      each(part, whole.block(below ? at : 0, below ? 0 : at, part.rows(), part.cols()));
+      at += below ? part.rows() : part.cols();
+    }
+  };
+  return first.tape().record(
+      parts,
+      [&](Matrix<S>& value) {
+        value.resize(height, width);
+        for_each_block(parts, value, [](const Variable<S>& part, auto block) { block = part.value(); });
+      },
+      [parts, for_each_block](const Matrix<S>& /*value*/, const Matrix<S>& gradient) {
+        for_each_block(parts, gradient, [](const Variable<S>& part, auto block) {
+          if (part.requires_gradient()) part.gradient() += block;
+        });
+      });
+}
+
 /// Returns the matrices one below the other.
 template <class S>
 Variable<S> stack_rows(const std::vector<Variable<S>>& parts) {
-  std::ptrdiff_t height = 0;
-  for (const Variable<S>& part : parts) {
-    if (part.cols() != parts.front().cols())
-      throw Error(parts.front().size() + " above " + part.size(), "tape, stack_rows");
-    height += part.rows();
-  }
-  return parts.at(0).tape().record(
-      parts,
-      [&](Matrix<S>& value) {
-        value.resize(height, parts.front().cols());
-        std::ptrdiff_t begin = 0;
-        for (const Variable<S>& part : parts) {
-          value.middleRows(begin, part.rows()) = part.value();
-          begin += part.rows();
-        }
-      },
-      [parts](const Matrix<S>& /*value*/, const Matrix<S>& gradient) {
-        std::ptrdiff_t begin = 0;
-        for (const Variable<S>& part : parts) {
-          if (part.requires_gradient()) part.gradient() += gradient.middleRows(begin, part.rows());
-          begin += part.rows();
-        }
-      });
+  return stacked(parts, /*below=*/true);
 }
 
 /// Returns the matrices side by side.
 template <class S>
 Variable<S> stack_columns(const std::vector<Variable<S>>& parts) {
-  std::ptrdiff_t width = 0;
-  for (const Variable<S>& part : parts) {
-    if (part.rows() != parts.front().rows())
-      throw Error(parts.front().size() + " beside " + part.size(), "tape, stack_columns");
-    width += part.cols();
-  }
-  return parts.at(0).tape().record(
-      parts,
-      [&](Matrix<S>& value) {
-        value.resize(parts.front().rows(), width);
-        std::ptrdiff_t begin = 0;
-        for (const Variable<S>& part : parts) {
-          value.middleCols(begin, part.cols()) = part.value();
-          begin += part.cols();
-        }
-      },
-      [parts](const Matrix<S>& /*value*/, const Matrix<S>& gradient) {
-        std::ptrdiff_t begin = 0;
-        for (const Variable<S>& part : parts) {
-          if (part.requires_gradient()) part.gradient() += gradient.middleCols(begin, part.cols());
-          begin += part.cols();
-        }
-      });
+  return stacked(parts, /*below=*/false);
 }
 
 }  // namespace citylearn

@@ -71,15 +71,12 @@ class PictureAgent {
                {reinterpret_cast<const char*>(reduction.data()), reduction.size()});
     ReductionOptions asked = reduction_.options();
     asked.dimension = 64;  // the recipe has what was asked for, the route is too short for it
-    const nlohmann::json manifest = {
-        {"train", "summer"},
-        {"traversals",
-         {{"summer",
-           {{"hash", fmt::format("{:016x}", hash)}, {"encoder", FeatureRecipe{spec.name, recipe_of(asked)}.text()}}}}}};
-    write_file(folder / "manifest.json", manifest.dump());
-    std::filesystem::create_directory(folder / "checkpoints");
-    options.agent = {folder / "checkpoints/one.clk", "", folder / "agent.onnx"};
-    write_checkpoint(options.agent.checkpoint, checkpoint_);
+    Checkpoint checkpoint = checkpoint_;
+    TrainingData data;
+    data.traversals = {{"summer", hash, kDimension, FeatureRecipe{spec.name, recipe_of(asked), hash}.text()}};
+    checkpoint.header["data"] = nlohmann::json::parse(data.text());
+    options.agent = {folder / "one.clk", "", folder / "agent.onnx"};
+    write_checkpoint(options.agent.checkpoint, checkpoint);
     options.files = files_;
     options.picture = {season_picture(0).cols, season_picture(0).rows};
     export_picture_agent(options);

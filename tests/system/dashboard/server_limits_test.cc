@@ -21,18 +21,6 @@ TEST_F(RunningServerTest, PagesOfOtherSitesGetNothing) {
     EXPECT_EQ(get("/api/runs", {{"sec-fetch-site", site}}).status, 200);
 }
 
-TEST_F(RunningServerTest, ARequestForTwoHostsIsRefused) {
-  for (const std::string hosts :
-       {"Host: localhost\r\nHost: evil.example\r\n", "Host: localhost\r\nhost: localhost\r\n"}) {
-    const auto one = client();
-    one->send("GET /api/runs HTTP/1.1\r\n" + hosts + "\r\n");
-    const auto refused = one->read();
-    EXPECT_EQ(refused.status, 400);
-    EXPECT_TRUE(contains(refused.body, "Host"));
-    EXPECT_TRUE(one->ended()) << "what follows may be meant for the other one";
-  }
-}
-
 TEST_F(ServerTest, NoWorkIsDoneForAClientThatHasGone) {
   options_.workers = 1;
   options_.ping = 80ms;  // so it looks often
@@ -52,30 +40,20 @@ TEST_F(ServerTest, NoWorkIsDoneForAClientThatHasGone) {
   EXPECT_EQ(slow(), 1) << "calls that began";
 }
 
-TEST_F(ServerTest, HalfRequestsLockNobodyOut) {
+TEST_F(ServerTest, ClientsThatHangLockNobodyOut) {
   options_.connections_each = 4;
   start();
-  std::vector<std::unique_ptr<WebClient>> half;
-  for (int i = 0; i < 4; ++i) {
-    half.push_back(client());
-    half.back()->send("GET /api/runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nbody");
-    EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200) << "the header has been read";
+  for (const std::string request : {"GET /api/runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nbody",
+                                    "GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n"}) {
+    std::vector<std::unique_ptr<WebClient>> hanging;
+    for (int i = 0; i < 4; ++i) {
+      hanging.push_back(client("127.0.0.1", 4096));
+      hanging.back()->send(request);
+      EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200) << "the header has been read";
+    }
+    EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kTimeout / 4));
+    for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
   }
-  for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
-  EXPECT_TRUE(half[0]->ended()) << "the oldest made room";
-}
-
-TEST_F(ServerTest, ClientsThatTakeNothingLockNobodyOut) {
-  options_.connections_each = 4;
-  start();
-  std::vector<std::unique_ptr<WebClient>> stopped;
-  for (int i = 0; i < 4; ++i) {
-    stopped.push_back(client("127.0.0.1", 4096));
-    stopped.back()->send("GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n");
-    EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200);
-  }
-  EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kTimeout / 4));
-  for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
 }
 
 TEST_F(RunningServerTest, ALongAnswerIsMadeAsItIsTaken) {

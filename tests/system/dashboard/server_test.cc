@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The web server and HTTP clients that behave, and that do not.
-#include <sys/stat.h>
-
 #include <regex>
 
 #include "core/util/random.h"
@@ -146,7 +144,6 @@ TEST_F(ServerTest, ALinkLogsInOnce) {
   start();
   const std::string path = server_->link().substr(server_->url().size());
   EXPECT_EQ(client()->request("HEAD", path).status, 405) << "who only looks at a link does not use it up";
-  EXPECT_EQ(get("/login?once=0").status, 401);
   const auto login = get(path);
   EXPECT_EQ(login.status, 303);
   EXPECT_EQ(login.headers.at("location"), "/");
@@ -189,7 +186,7 @@ TEST_F(RunningServerTest, AHeaderWithoutEndCostsNothing) {
   EXPECT_LT(health(), 100ms);
 }
 
-TEST_F(RunningServerTest, WhatIsTooLargeIsNamed) {
+TEST_F(RunningServerTest, WhatIsTooLargeOrMalformedIsNamed) {
   EXPECT_EQ(get("/", {{"x", std::string(40'000, 'x')}}).status, 431);
   EXPECT_EQ(get("/" + std::string(40'000, 'x')).status, 431);
   EXPECT_EQ(get("/", {{"x", std::string(30'000, 'x')}}).status, 200);
@@ -200,13 +197,15 @@ TEST_F(RunningServerTest, WhatIsTooLargeIsNamed) {
   chunked->send("GET /api/runs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n");
   for (int i = 0; i < 8; ++i) chunked->send("4000\r\n" + std::string(0x4000, 'c') + "\r\n");
   EXPECT_EQ(chunked->read().status, 413);
-  for (const std::string text : {"\r\n\r\n", "nonsense\r\n\r\n", "GET / HTTP/9.9\r\n\r\n", "GET  HTTP/1.1\r\n\r\n",
-                                 "GET / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n",
-                                 "GET / HTTP/1.1\r\nHost : localhost\r\n\r\n"}) {
+  for (const std::string text :
+       {"\r\n\r\n", "nonsense\r\n\r\n", "GET / HTTP/9.9\r\n\r\n", "GET  HTTP/1.1\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost : localhost\r\n\r\n", "GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: localhost\r\nhost: localhost\r\n\r\n"}) {
     const auto one = client();
     one->send(text);
     EXPECT_EQ(one->read().status, 400) << text;
-    EXPECT_TRUE(one->ended());
+    EXPECT_TRUE(one->ended()) << "what follows may be meant for another host";
   }
 }
 
@@ -231,7 +230,7 @@ TEST_F(RunningServerTest, BytesOfAnyKindDoNoHarm) {
   EXPECT_LT(resident(), before + kMemory);
 }
 
-TEST_F(ServerTest, ARequestThatDripsIsCutOff) {
+TEST_F(ServerTest, ARequestThatDripsIsCutOffAndAnAnswerThatIsNotTaken) {
   options_.request_time = 300ms;
   start();
   const auto one = client(), idle = client();
@@ -244,14 +243,10 @@ TEST_F(ServerTest, ARequestThatDripsIsCutOff) {
   const auto body = client();
   body->send("GET / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nbody");
   EXPECT_TRUE(body->ended()) << "a body that does not come";
-}
-
-TEST_F(ServerTest, WhoDoesNotTakeTheAnswerIsCutOff) {
-  options_.request_time = 300ms;
-  start();
-  const auto one = client("127.0.0.1", 4096);
-  one->send("GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n");
-  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 1; }, WebClient::kTimeout));
+  const auto large = client("127.0.0.1", 4096);
+  large->send("GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 1; }, WebClient::kTimeout))
+      << "an answer that is not taken";
 }
 
 TEST_F(RunningServerTest, AThousandIdleConnectionsLockNobodyOut) {
@@ -360,10 +355,6 @@ TEST_F(ServerTest, WhatKeepsItFromListeningIsSaidInOneLine) {
   options.token_file = folder_ / "token";
   says(options, "cannot listen there");
   options.listen = "127.0.0.1";
-  std::ofstream(folder_ / "token") << "0123456789abcdef";
-  ::chmod((folder_ / "token").c_str(), 0644);
-  says(options, "others may read it");
-  options.token_file.clear();
   options.tls_certificate = folder_ / "none.pem";
   says(options, "--tls-key");
   options.tls_key = folder_ / "key.pem";

@@ -23,8 +23,6 @@ BASELINE = Published(0.99, "just under 50", 50)
 FEATURES = Published(0.92, "just over 50", 55, minutes=11)  # 64 of them
 WIDE_FEATURES = Published(steps="about 75", most_steps=80)  # 512 and more
 RAW_IMAGES = Published(minutes=29 * 60 + 48)
-GIGABYTES = 2  # of memory per environment
-STREETLEARN_GIGABYTES = 12  # likewise, as the paper gives it
 
 
 def published(agent: str, features: int) -> Published:

@@ -6,14 +6,13 @@ from pathlib import Path
 
 from inputs import InputError, Inputs
 from page import Page
-from sections import comparisons, figure_10, figures, recognition, tables, transfer, viewpoint
+from sections import comparisons, figure_10, figures, recognition, tables
 from study import Study
 
 RENDERERS = {
     "figure-2": figures.figure_2, "figure-6": recognition.render, "figure-7": figures.figure_7,
     "figure-8-9": figures.figure_8_9, "figure-10": figure_10.render, "tables": tables.render,
-    "longer-routes": comparisons.longer_routes, "transfer": transfer.render, "viewpoint": viewpoint.render,
-    "experiences": comparisons.experiences, "imperfect-world": comparisons.imperfect_world,
+    "longer-routes": comparisons.longer_routes, "imperfect-world": comparisons.imperfect_world,
     "dimensions": comparisons.dimensions}
 
 

@@ -4,10 +4,9 @@
 from typing import Any
 
 from charts import Chart, Line, limits_around
-from estimates import fixed, percent
 from inputs import Inputs, Recordings
 from page import Page
-from policies import Policy, is_worse, training_row, trial_row
+from policies import Policy, training_row, trial_row
 
 # For captions.
 MEANS = ("means over the same tasks for all policies (agents: over seeds, with the 95 % interval of the mean; one seed "
@@ -20,7 +19,7 @@ TRIALS = ["traversal", "seeds x tasks", "completed", "SPL", "excess"]  # columns
 
 MISHAPS = {"slip": "slip", "dropped_frames": "dropped frames", "kidnappings": "kidnappings"}
 
-Policies = dict[str, Policy]  # by label, with the variant where there are several
+Policies = dict[str, Policy]  # by label
 
 
 class Study:
@@ -29,8 +28,8 @@ class Study:
     def __init__(self, inputs: Inputs, data: Any, page: Page):
         self.inputs, self.data, self.page = inputs, data, page
         self.recordings = Recordings(data["recordings"])
-        self.points: list[Policies] = [{key_of(entry): policy_of(inputs, self.recordings.train, entry)
-                                        for entry in point} for point in data["points"]]
+        self.points: list[Policies] = [{entry["label"]: policy_of(inputs, entry) for entry in point}
+                                       for point in data["points"]]
 
     @property
     def policies(self) -> list[Policy]:
@@ -52,11 +51,9 @@ class Study:
     def title(self, traversal: str, text: str = "") -> str:
         return f"{traversal}{self.recordings.role(traversal)}{text and ': '}{text}"
 
-    def trained(self, name: str, caption: str, columns: list[str | tuple[str, str]],
-                policies: list[Policy] | None = None) -> None:
+    def trained(self, name: str, caption: str, columns: list[str | tuple[str, str]]) -> None:
         """Adds a table about trainings, a row for each agent of which a seed succeeded."""
-        rows = [training_row(policy, columns) for policy in (self.policies if policies is None else policies)
-                if policy.learns and policy.trainings]
+        rows = [training_row(policy, columns) for policy in self.policies if policy.learns and policy.trainings]
         self.page.table(name, caption, [column if isinstance(column, str) else column[0] for column in columns], rows)
 
     def tried(self, name: str, caption: str, columns: list[str], traversals: list[str],
@@ -89,50 +86,24 @@ class Study:
                           x_logarithmic=True, x_limits=(sizes[0] * 0.9, sizes[-1] * 1.1))
 
     def draw_training(self, name: str, caption: str, chart: Chart, yardsticks: dict[str, float] | None = None) -> None:
-        """Draws lines over episodes, and dashed ones at the heights of the yardsticks. The caption follows the title
-        when it begins with a comma or a blank."""
+        """Draws lines over episodes, and dashed ones at the heights of the yardsticks."""
         chart.x_limits = limits_around([line.x[-1] for line in chart.lines if line.x], from_zero=True)
         chart.width = 560
         for label, height in (yardsticks or {}).items():
             chart.lines.append(Line(label, [0, chart.x_limits[1]], [height] * 2, dashed=True))
-        self.page.chart(name, chart, (chart.title if caption[0] in ", " else "") + caption)
+        self.page.chart(name, chart, caption)
 
-    def remark_failed(self, where: str = "", policies: list[Policy] | None = None) -> None:
+    def remark_failed(self, where: str) -> None:
         """Remarks which trainings failed; {COLUMN} in `where` becomes that cell of the policy."""
-        for policy in self.policies if policies is None else policies:
+        for policy in self.policies:
             if policy.learns and (failed := policy.outcomes.count(None)):
                 self.page.remark(f"{policy.label}{where.format(**policy.cells)}: {failed} of {len(policy.outcomes)} "
                                  "trainings failed.")
 
-    def remark_worse_than_controls(self, point: Policies, recordings: list[str], preposition: str,
-                                   where: str = "") -> None:
-        """Remarks on which recordings agents failed, or are worse than policies that learn nothing."""
-        for policy in [policy for policy in point.values() if policy.learns]:
-            self.remark_failed(where, [policy])
-            lost, behind = [], []
-            for name in recordings:
-                own = policy.trials(name)
-                figures = f"{name} (SPL {fixed(own.spl.mean, 3)}, completed {percent(own.completed)})"
-                if own.spl.mean <= point[BLIND].trials(name).spl.mean:
-                    lost.append(figures)
-                elif is_worse(own.spl, point[UNADAPTED].trials(name).spl):
-                    behind.append(figures)
-            for found, text in ((lost, "no better than a policy that never looks"),
-                                (behind, "worse than the sequence filter by more than 0.01 SPL")):
-                if found:
-                    self.page.remark(f"{policy.label}{where.format(**policy.cells)}: {text} {preposition} "
-                                     f"{', '.join(found)}.")
 
-
-def key_of(entry: Any) -> str:
-    return f"{entry['label']}, {entry['variant']}" if entry["variant"] else entry["label"]
-
-
-def policy_of(inputs: Inputs, train: str, entry: Any) -> Policy:
-    cells = {"agent": entry["label"], "policy": entry["label"], "variant": entry["variant"],
-             "learner": entry["learner"], "representation": entry["representation"], "features": str(entry["features"]),
-             "places": str(entry["frames"]), "knows": ", ".join([train, *entry["experiences"]]),
-             "world": name_of(entry["imperfections"]),
+def policy_of(inputs: Inputs, entry: Any) -> Policy:
+    cells = {"agent": entry["label"], "policy": entry["label"], "learner": entry["learner"], "representation": entry["representation"], "features": str(entry["features"]),
+             "places": str(entry["frames"]), "world": name_of(entry["imperfections"]),
              "trained": str(entry["steps"]) if entry["learns"] else "-"}
     return Policy(entry, [inputs.outcome(unit) for unit in entry["units"]], cells)
 

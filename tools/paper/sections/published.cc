@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "encoder_service/encoding/encoder.h"
+#include "tools/lab/recognition/methods.h"
 #include "tools/paper/sections/sections.h"
-#include "tools/paper/studies/measurements.h"
 
 namespace citylearn::paper {
 namespace {
@@ -14,6 +14,8 @@ namespace {
 const std::vector<int> kPaperDimensions = {64, 512, 2048, 4096};
 /// Those that the section on them compares.
 const std::vector<int> kDimensions = {64, 128, 512, 2048, 4096};
+/// An answer of place recognition is right when it is at most so many frames off.
+constexpr int kPlaceTolerance = 2;
 
 /// The paper's agent on another representation, with fewer seeds where there are more features, as its training takes
 /// longer.
@@ -57,6 +59,41 @@ std::string sensors_of(const Traversal& traversal) {
   if (!traversal.latitude.empty()) text += ", GPS";
   if (!traversal.times.empty()) text += ", time";
   return text;
+}
+
+Json recognise(World& world, const std::string& representation, const std::string& method, const std::string& query) {
+  const auto matrix = [&](const std::string& name) {
+    const Traversal& traversal = world.traversal(representation, name);
+    return Eigen::Map<const Eigen::MatrixXf>(traversal.features.data(), traversal.dimension, traversal.frames);
+  };
+  const Eigen::MatrixXf reference = matrix(world.train()), frames = matrix(query);
+  const auto truth =
+      GroundTruth::by_index(static_cast<int>(reference.cols()), static_cast<int>(frames.cols()), kPlaceTolerance);
+  const Answers answers = lab::Method(method).run(reference, frames, truth, {}).answers;
+  throw_if_stopped();
+  const Interval interval = auc_interval(answers, 1);
+  return {{"queries", answers.queries()},
+          {"auc", precision_recall(answers).auc},
+          {"auc_low", interval.low},
+          {"auc_high", interval.high},
+          {"recall", recall_at(answers, 1)}};
+}
+
+/// Adds the unit that recognises all frames of `query` among those of the traversal learned from. Outcome: {"queries",
+/// "auc", "auc_low", "auc_high", "recall"}; the interval comes from resampled blocks of neighbouring frames. Returns
+/// {"representation", "method", "query", "unit"}.
+Json add_recognition(const std::string& representation, const std::string& method, const std::string& query, Work& work,
+                     World& world) {
+  const double size = world.frames() / 640.0;  // each frame is a class, and an example
+  const int unit = work.add({"recognition of '" + query + "' by " + representation + ", " + method,
+                             {{"kind", "recognition"},
+                              {"representation", representation},
+                              {"method", method},
+                              {"frames", world.frames()},
+                              {"recordings", {world.hash(world.train()), world.hash(query)}}},
+                             size * size * (method == "mlp" ? 1.5 : 0.1),
+                             [=, &world] { return recognise(world, representation, method, query); }});
+  return {{"representation", representation}, {"method", method}, {"query", query}, {"unit", unit}};
 }
 
 void without_deployments(Study& study) { study.deploy_every = 0; }
@@ -109,9 +146,7 @@ Plan tables(const Context& context) {
     traversals.push_back(row);
   }
   for (const auto* entry : EncoderRegistry::instance().entries()) encoders.push_back(entry->name);
-  // Measured with the features that agents are given.
-  const int memory = context.work.add(memory_unit(context.agents.front().representation, context.world));
-  return {context.world, {}, {{"traversals", traversals}, {"encoders", encoders}, {"memory", memory}}};
+  return {context.world, {}, {{"traversals", traversals}, {"encoders", encoders}}};
 }
 
 Plan dimensions(const Context& context) {

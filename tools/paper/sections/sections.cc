@@ -23,18 +23,16 @@ std::string label_of(const std::string& policy) {
   return found == labels.end() ? policy : found->second;
 }
 
-Json described(const Study& study, const std::string& label, const std::string& variant, World& world) {
+Json described(const Study& study, const std::string& label, World& world) {
   return {{"policy", study.policy},
           {"label", label},
-          {"variant", variant},
-          {"learns", study.kind != Study::Kind::kControl},
+          {"learns", !study.control},
           {"learner", study.learner},
           {"representation", study.representation},
           {"features", world.features(study.representation)},
           {"frames", study.frames},
           {"steps", study.steps},
           {"seeds", Json::array()},
-          {"experiences", study.experiences},
           {"imperfections", as_json(study.imperfections)},
           {"parameters", study.parameters},
           {"units", Json::array()}};
@@ -51,9 +49,6 @@ const std::vector<Section>& sections() {
       {"figure-10", "Fig. 10: one goal, by day and by night", figure_10, complete_figure_10},
       {"tables", "Tables I and II: the data and the environments", tables},
       {"longer-routes", "Beyond the paper: longer routes", longer_routes},
-      {"transfer", "Beyond the paper: a policy on a second route", transfer},
-      {"viewpoint", "Beyond the paper: a camera to the side", viewpoint},
-      {"experiences", "Beyond the paper: two experiences of a route", experiences},
       {"imperfect-world", "Beyond the paper: an imperfect world", imperfect_world},
       {"dimensions", "The paper's main finding: smaller features generalise better", dimensions}};
   return all;
@@ -64,11 +59,6 @@ const Agent& Context::paper_agent() const {
 }
 
 int Context::tasks() const { return share_of(quick ? 500 : 2000, effort); }
-
-std::uint64_t Context::share_of_steps(const Study& study, double share) const {
-  const double all = Trainer::recommended_parameters(study.policy, study.learner).at("trainer").at("steps");
-  return static_cast<std::uint64_t>(std::max(1.0, all * share * effort));
-}
 
 std::vector<std::uint64_t> Context::few_seeds() const {
   return {seeds.begin(), seeds.begin() + std::min<std::ptrdiff_t>(std::ssize(seeds), quick ? 1 : 3)};
@@ -81,10 +71,11 @@ Study Context::study(const Agent& agent, std::uint64_t seed, World& where) const
   study.representation = agent.representation;
   study.frames = std::min(frames, where.frames());
   study.seed = seed;
-  if (agent.policy == "baseline")
-    study.steps = static_cast<std::uint64_t>(std::max(1.0, kBaselineSteps * effort));
-  else if (effort < 1)
-    study.steps = share_of_steps(study, 1);
+  const bool shortened = agent.policy == "baseline";
+  if (shortened || effort < 1) {
+    const double recommended = Trainer::recommended_parameters(study.policy, study.learner).at("trainer").at("steps");
+    study.steps = static_cast<std::uint64_t>(std::max(1.0, (shortened ? kBaselineSteps : recommended) * effort));
+  }
   study.seconds = agent.seconds * effort;
   study.deploy_every = 100;
   study.tasks = tasks();
@@ -106,25 +97,21 @@ Json planned(const Section& section, const Context& context) {
     Json policies = Json::array();
     Study study;
     for (const Agent& agent : point.agents) {
-      const std::vector<Variant> variants = point.variants(agent);
-      std::vector<Json> rows(variants.size());
-      for (const std::uint64_t seed : agent.seeds)
-        for (std::size_t i = 0; i < variants.size(); ++i) {
-          point.task(study = context.study(agent, seed, plan.world));
-          variants[i].change(study);
-          if (rows[i].is_null()) rows[i] = described(study, label_of(agent.policy), variants[i].label, plan.world);
-          rows[i]["seeds"].push_back(seed);
-          rows[i]["units"].push_back(context.work.add(unit_of(study, plan.world)));
-        }
-      for (std::size_t i = 0; i < variants.size(); ++i)
-        if (variants[i].shown) policies.push_back(rows[i]);
+      Json row;
+      for (const std::uint64_t seed : agent.seeds) {
+        point.task(study = context.study(agent, seed, plan.world));
+        if (row.is_null()) row = described(study, label_of(agent.policy), plan.world);
+        row["seeds"].push_back(seed);
+        row["units"].push_back(context.work.add(unit_of(study, plan.world)));
+      }
+      policies.push_back(row);
     }
-    study.kind = Study::Kind::kControl;
+    study.control = true;
     const auto told = std::move(study.parameters);
     for (const std::string& name : point.controls) {
       study.policy = name.substr(0, name.find(','));
       study.parameters = study.policy == name ? std::map<std::string, double>() : told;
-      policies.push_back(described(study, name, "", plan.world));
+      policies.push_back(described(study, name, plan.world));
       policies.back()["units"].push_back(context.work.add(unit_of(study, plan.world)));
     }
     points.push_back(policies);

@@ -36,19 +36,10 @@ struct Context {
   World& with_pictures() const { return world.pictures() ? world : drawn; }
   /// Number of tasks of a trial whose figures go into a table.
   int tasks() const;
-  /// `share` of the training steps that are recommended for a study's agent and learner, under `effort`.
-  std::uint64_t share_of_steps(const Study& study, double share) const;
   /// Returns the seeds of an agent whose training takes long.
   std::vector<std::uint64_t> few_seeds() const;
   /// A training on as many of the first places of `where` as the paper's route has.
   Study study(const Agent& agent, std::uint64_t seed, World& where) const;
-};
-
-/// What is done with a training beyond what its point does.
-struct Variant {
-  std::string label;
-  std::function<void(Study&)> change;
-  bool shown = true;  ///< else others need it alone
 };
 
 /// Policies that are compared on the same task.
@@ -56,10 +47,6 @@ struct Point {
   std::vector<Agent> agents;
   std::vector<std::string> controls = {};            ///< on the last agent's task; "NAME, told" has its parameters too
   std::function<void(Study&)> task = [](Study&) {};  ///< sets the route, the recordings, the world's imperfections
-  /// Each training is done in all of them.
-  std::function<std::vector<Variant>(const Agent&)> variants = [](const Agent&) {
-    return std::vector<Variant>{{"", [](Study&) {}}};
-  };
 };
 
 /// The studies of a section.
@@ -83,8 +70,8 @@ struct Section {
 const std::vector<Section>& sections();
 
 /// Adds the units of work of a section and returns what its page has to know: Plan::more, "recordings", "substitute"
-/// and "points", for each [{"policy", "label", "variant", "learns", "learner", "representation", "features", "frames",
-/// "steps", "seeds", "experiences", "imperfections", "parameters", "units"}], agents before controls. A
+/// and "points", for each [{"policy", "label", "learns", "learner", "representation", "features", "frames",
+/// "steps", "seeds", "imperfections", "parameters", "units"}], agents before controls. A
 /// unit is its place in results.json.
 Json planned(const Section& section, const Context& context);
 
@@ -101,10 +88,6 @@ Plan tables(const Context& context);
 /// The paper's main finding, tried: agents that learn from more and fewer features of the same encoder.
 Plan dimensions(const Context& context);
 Plan longer_routes(const Context& context);
-Plan transfer(const Context& context);
-Plan viewpoint(const Context& context);
-/// Agents that learned from one traversal beside agents that learned from two, on those that neither knows.
-Plan experiences(const Context& context);
 /// Actions slip, frames are dropped and agents are carried elsewhere, in training and in trials.
 Plan imperfect_world(const Context& context);
 

@@ -5,7 +5,6 @@
 #include <atomic>
 #include <cmath>
 #include <filesystem>
-#include <random>
 #include <thread>
 
 #include "tests/support/processes/service.h"
@@ -178,42 +177,6 @@ TEST_F(ApiRunTest, WrongRequestsAreToldWhatIsWrong) {
   EXPECT_EQ(ask({"runs", id_}, {}, "PUT").headers.at(0).second, "GET, DELETE, PATCH");
 }
 
-TEST_F(ApiRunTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
-  store_.record(training_stats(1, 50));
-  store_.record(episodes(1, 50));
-  std::vector<std::string> words = split(
-      "runs,episodes,training,training.csv,evaluations,controls,services,events,map,frames,about,demo,1,0,-"
-      "1,"
-      "%,..,../../etc/passwd,00000000000000ab,nan,1e999,' OR 1=1 --,x'; DROP TABLE episodes; --",
-      ',');
-  words.insert(words.end(), {id_, "", "\xFF\xFE", std::string(5000, 'A'), std::string("a\0b", 3), "\"\\\n"});
-  const std::vector<std::string> names = split(
-      "columns,points,x,from,to,limit,before,until,nearest,evaluation,traversal,policy,update,completed,order,frames,"
-      "max_steps,file,"
-      "shuffled,'; --",
-      ',');
-  std::mt19937 random(11);
-  const auto any = [&](const std::vector<std::string>& of) { return of[random() % of.size()]; };
-  int fine = 0;
-  for (int i = 0; i < 4000; ++i) {
-    Query query;
-    const std::size_t depth = random() % 4;
-    for (std::size_t segment = 0; segment < depth; ++segment) query.path.push_back(any(words));
-    if (random() % 2) query.path = {"runs", id_, random() % 2 ? "episodes" : "training"};
-    for (std::size_t parameter = random() % 3; parameter > 0; --parameter) query.parameters[any(names)] = any(words);
-    const Answer answer = api_.answer(query);
-    ASSERT_TRUE(answer.status == 200 || answer.status == 400 || answer.status == 404 || answer.status == 503)
-        << answer.status;
-    if (answer.type == "application/json") {
-      ASSERT_TRUE(Json::accept(answer.body)) << answer.body.substr(0, 200);
-    }
-    fine += answer.status == 200;
-  }
-  EXPECT_GT(fine, 100);
-  EXPECT_EQ(json({"runs", id_})["recorded_episodes"], 50);
-  EXPECT_EQ(json({"runs", id_, "episodes"})["total"], 50);
-}
-
 TEST_F(ApiRunTest, ManyAskAtOnceWhileItIsWritten) {
   std::atomic<bool> done = false;
   std::vector<std::thread> readers;
@@ -221,9 +184,9 @@ TEST_F(ApiRunTest, ManyAskAtOnceWhileItIsWritten) {
   for (int i = 0; i < 4; ++i)
     readers.emplace_back([&] {
       while (!done) {
-        const Json all = Json::parse(whole(api_.answer({"GET", {"runs", id_, "episodes.json"}, {}})).body);
-        // What is committed together is seen together.
-        wrong += all["total"] != all["episodes"].size() || all["episodes"].size() % 50 != 0;
+        const std::string all = whole(api_.answer({"GET", {"runs", id_, "episodes.csv"}, {}})).body;
+        // What is committed together is seen together, below the line of names.
+        wrong += std::count(all.begin(), all.end(), '\n') % 50 != 1;
         ++answers;
       }
     });

@@ -7,7 +7,6 @@
 #include <fstream>
 
 #include "core/util/error.h"
-#include "core/util/random.h"
 #include "dashboard/http/access.h"
 #include "dashboard/http/connections.h"
 #include "dashboard/http/page.h"
@@ -34,23 +33,6 @@ TEST(Target, RefusesWhatIsNoPath) {
                                  "/?a=1&a=2", "/%c0%af", "/%ed%a0%80", "/%f4%90%80%80", "/?%e2%82"})
     EXPECT_FALSE(parse_target(text)) << text;
   EXPECT_FALSE(parse_target(std::string("/a\0b", 4)));
-}
-
-TEST(Target, AnyBytesAreRefusedOrUtf8) {
-  Random random(1);
-  int accepted = 0;
-  for (int round = 0; round < 20'000; ++round) {
-    std::string text = "/";
-    static const std::string some = "/?&=%+abc0f9";
-    for (std::uint64_t length = random.below(20); length > 0; --length)
-      text += random.below(8) ? some[random.below(some.size())] : static_cast<char>(random.below(256));
-    const auto target = parse_target(text);
-    if (!target) continue;
-    ++accepted;
-    for (const std::string& segment : target->segments) EXPECT_TRUE(is_utf8(segment));
-    for (const auto& [name, value] : target->parameters) EXPECT_TRUE(is_utf8(name) && is_utf8(value));
-  }
-  EXPECT_GT(accepted, 1000);
 }
 
 TEST(PageFiles, AreOnlyThoseOfTheFolder) {

@@ -136,7 +136,6 @@ std::vector<Case> cases() {
   all.push_back({"place_filter", {{"slip", 0}}, 64, 128, kOfScores});
   all.push_back({"place_filter", {{"slip", 0.2}, {"kidnap", 0.01}}, 12, 9, kOfScores});
   all.push_back({"place_filter", {}, 16, 24, kOfScores, 3});
-  all.push_back({"place_memory", {}, 16, 24, 1e-5, 2});
   all.push_back({"features", {}, 16, 24, 1e-5, 2});
   for (const char* walker : {"features", "baseline"}) all.push_back({walker, {}, 12, 13, 1e-5, 1, 7});
   return all;

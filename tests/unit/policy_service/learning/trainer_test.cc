@@ -21,8 +21,7 @@ namespace citylearn::testing {
 namespace {
 
 class EachNetwork : public ::testing::TestWithParam<std::string> {};
-INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork,
-                         ::testing::Values("baseline", "features", "place_filter", "place_memory", "raw_images"),
+INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork, ::testing::Values("baseline", "features", "place_filter", "raw_images"),
                          [](const auto& tested) { return tested.param; });
 
 TEST_P(EachNetwork, LearnsFromSeveralExperiencesAlike) {

@@ -48,6 +48,11 @@ TEST_F(CheckpointFile, ComesBackAsItWas) {
   EXPECT_EQ(read_file(path_), bytes);
 }
 
+TEST_F(CheckpointFile, OfARemovedAgentSaysWhatToDo) {
+  checkpoint_.header = {{"agent", "place_memory"}};
+  EXPECT_TRUE(holds(error_of([&] { trained_agent(checkpoint_); }), "train place_filter on the same data"));
+}
+
 TEST_F(CheckpointFile, IsRefusedWhenAnyByteChanged) {
   write_checkpoint(path_, checkpoint_);
   const std::string bytes = read_file(path_);

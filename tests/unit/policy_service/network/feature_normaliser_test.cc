@@ -120,7 +120,7 @@ TEST(FeatureNormaliser, NothingLaterChangesAnAction) {
     agent.first_frame = 0;
     return std::make_unique<NetworkPolicy>(agent, NetworkPolicy::Options());
   };
-  for (const std::string name : {"place_filter", "place_memory", "features", "sequence_filter"}) {
+  for (const std::string name : {"place_filter", "features", "sequence_filter"}) {
     const auto one = make(name), other = make(name);
     Random random{3}, same{3};
     bool differed = false;

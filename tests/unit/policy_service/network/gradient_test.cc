@@ -108,9 +108,6 @@ INSTANTIATE_TEST_SUITE_P(Networks, Gradients,
                                            Case{"place_filter", {{"units", 5}, {"slip", 0.2}, {"kidnap", 0.1}}},
                                            Case{"place_filter", kSmallFilter, kFrames, 0, 2},
                                            Case{"place_filter", {{"units", 5}, {"slip", 0.1}}, 13, 0, 1, true},
-                                           Case{"place_memory", kSmall, kFrames - 2, 0.5, 2},
-                                           Case{"place_memory", kSmall, kFrames, 0.5},
-                                           Case{"place_memory", kSmall, kFrames - 2},
                                            Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),
                          [](const auto& tested) { return tested.param.network + std::to_string(tested.index); });
 

@@ -104,12 +104,5 @@ TEST(StreetFilter, DoesNotTurnForEver) {
   }
 }
 
-TEST(PlaceMemory, RefusesStreets) {
-  const auto& entry = NetworkRegistry<double>::instance().find("network", "place_memory");
-  EXPECT_TRUE(contains(
-      error_of([&] { entry.create(Parameters(entry.name, entry.parameters, {}), street_task(small_states())); }),
-      "not of streets"));
-}
-
 }  // namespace
 }  // namespace citylearn::testing

@@ -135,7 +135,7 @@ std::string output_of(Arguments arguments) {
 TEST(Configuration, IsShownWithoutDds) {
   const Folder folder;
   make_file(folder / "options.toml", "seed = 5\nppo-gamma = 0.5\n");
-  for (const char* agent : {"baseline", "features", "place_filter", "place_memory", "raw_images"}) {
+  for (const char* agent : {"baseline", "features", "place_filter", "raw_images"}) {
     const std::string text = output_of({"--agent", agent, "--show-config", "--interface", "no-such-interface"});
     for (const std::string& line : lines_of(text)) EXPECT_LE(line.size(), 100u) << line;
     EXPECT_TRUE(contains(text, std::string("recommended by ") + agent));
@@ -173,7 +173,7 @@ TEST(Configuration, HelpAndListNameRecommendations) {
     EXPECT_TRUE(contains(line, "what the agent recommends, see --show-config"));
   }
   const std::string list = output_of({"--list"});
-  EXPECT_EQ(occurrences(list, "      recommends "), 5) << list;
+  EXPECT_EQ(occurrences(list, "      recommends "), 4) << list;
   EXPECT_TRUE(contains(list, "relabel.steps 40000"));
 }
 

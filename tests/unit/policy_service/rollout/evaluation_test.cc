@@ -117,7 +117,7 @@ void expect_same_however_divided(const std::function<std::unique_ptr<Policy>()>&
 
 class EachEvaluated : public ::testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(Networks, EachEvaluated,
-                         ::testing::Values("baseline", "features", "place_filter", "place_memory", "raw_images"),
+                         ::testing::Values("baseline", "features", "place_filter", "raw_images"),
                          [](const auto& tested) { return tested.param; });
 
 TEST_P(EachEvaluated, DoesATaskTheSameWhoeverActsBesideIt) {

@@ -194,7 +194,7 @@ class PictureExport : public ::testing::TestWithParam<AgentCase> {};
 INSTANTIATE_TEST_SUITE_P(Agents, PictureExport,
                          ::testing::Values(AgentCase{"place_filter", "patchnorm", Centring::kRunning, 16},
                                            AgentCase{"features", "patchnorm", Centring::kReference, 16},
-                                           AgentCase{"place_memory", "onnx", Centring::kRunning, 8}),
+                                           AgentCase{"place_filter", "onnx", Centring::kRunning, 8}),
                          [](const auto& one) { return one.param.agent + "_" + one.param.encoder; });
 
 TEST_P(PictureExport, ActsAsTheServicesDoOverEpisodes) {
@@ -216,19 +216,16 @@ struct SomeExport {
   PictureExportOptions options;
 
   explicit SomeExport(const std::string& recipe, const std::string& agent = "place_filter") {
-    write_file(folder / "manifest.json", manifest(recipe).dump());
-    std::filesystem::create_directory(folder / "checkpoints");
-    options.agent = {folder / "checkpoints/one.clk", "", folder / "one.onnx"};
-    write_checkpoint(options.agent.checkpoint, some_checkpoint(agent, some_task()));
+    options.agent = {folder / "one.clk", "", folder / "one.onnx"};
+    Checkpoint checkpoint = some_checkpoint(agent, some_task());
+    checkpoint.header["data"] = {{"train", "summer,winter"},
+                                 {"traversals", {{"summer", {{"hash", "00000000000000ab"}, {"encoder", recipe}}}}}};
+    write_checkpoint(options.agent.checkpoint, checkpoint);
     options.encoder = "patchnorm";
     options.picture = {160, 96};
     options.store = folder / "store";
     std::filesystem::create_directory(options.store);
     store_reduction(12, kPatchnorm, reduction_path(options.store, kPatchnorm, 0xAB, {.dimension = 12}));
-  }
-  static nlohmann::json manifest(const std::string& recipe) {
-    return {{"train", "summer,winter"},
-            {"traversals", {{"summer", {{"hash", "00000000000000ab"}, {"encoder", recipe}}}}}};
   }
   static void store_reduction(int dimension, const std::string& encoder, const std::string& path) {
     const Bytes bytes = Reduction::learn(Eigen::MatrixXf::Random(2048, 20), {.dimension = dimension}).save(encoder);
@@ -241,11 +238,11 @@ struct SomeExport {
   static inline const std::string kPatchnorm = "patchnorm-1 height=32 patch=8 width=64";
 };
 
-const std::string kRecipe = SomeExport::kPatchnorm + " | 64 running 0.2";
+const std::string kRecipe = SomeExport::kPatchnorm + " | 64 running 0.2 of 00000000000000ab";
 
 TEST(PictureExportFile, SaysWhatItIs) {
   SomeExport some(kRecipe);
-  some.options.encoder.clear();  // the manifest names it
+  some.options.encoder.clear();  // the checkpoint names it
   export_picture_agent(some.options);
   const std::string bytes = read_file(some.folder / "one.onnx");
   export_picture_agent(some.options);
@@ -294,26 +291,14 @@ TEST(PictureExportFile, OneClearLineWhereThingsDoNotFit) {
   expect_error({"none.onnx"});
   some.options.agent.checkpoint = some.folder / "none.clk";
   expect_error({"none.clk"});
-  some.options.manifest = some.folder / "none.json";
-  expect_error({"none.json"});
-  for (const std::string text : {"[]", "{", R"({"train": 1})", R"({"train": "a", "traversals": {"a": 2}})"}) {
-    make_file(some.folder / "other.json", text);
-    some.options.manifest = some.folder / "other.json";
-    expect_error({"other.json"});
-  }
-  std::filesystem::copy_file(right.agent.checkpoint, some.folder / "moved.clk");
-  some.options.agent.checkpoint = some.folder / "moved.clk";
-  expect_error({"manifest.json", "--manifest"});
   some.options.agent.output = some.folder / "one.safetensors";
   expect_error({"--output", "one.safetensors"});
   some.options.reduction_file = some.folder / "none.reduction";
   expect_error({"none.reduction"});
   some.options.store.clear();
-  expect_error({"64 running 0.2", "'summer'", "--store"});
+  expect_error({"64 running 0.2 of 00000000000000ab", "--store"});
   some.options.store = some.folder / "";
-  expect_error({"no reduction", "--store", "--reference"});
-  some.options.reference = "fall";
-  expect_error({"'fall'", "--reference"});
+  expect_error({"no reduction", "--store", "--reduction"});
   const std::string other = some.folder / "other.reduction";
   SomeExport::store_reduction(8, SomeExport::kPatchnorm, other);
   some.options.reduction_file = other;
@@ -324,7 +309,7 @@ TEST(PictureExportFile, OneClearLineWhereThingsDoNotFit) {
 
   expect(SomeExport(SomeExport::kPatchnorm + " | mine.reduction").error(), {"--reduction", "mine.reduction"});
   expect(SomeExport(SomeExport::kPatchnorm + " | 12 own 0.2").error(), {"'own'", "running"});
-  expect(SomeExport("").error(), {"manifest.json", "names no encoder"});
+  expect(SomeExport("").error(), {"one.clk", "names no encoder"});
   expect(SomeExport(kRecipe, "baseline").error(), {"baseline", "does not look at pictures"});
   for (const std::string text : {"", "160", "160x", "0x96", "160x96x3", "160x5000", "ax96"})
     expect(error_of([&] { picture_size(text); }), {"--picture"});

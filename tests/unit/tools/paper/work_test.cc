@@ -60,16 +60,6 @@ TEST_F(WorkTest, WhatFailsOrIsDamagedIsDoneAgain) {
   EXPECT_EQ(times, 2);
 }
 
-TEST_F(WorkTest, WhatIsCompleteStaysWhenItStops) {
-  work.add(counted(2));
-  work.add({"stopped", {{"stopped", 1}}, 1, []() -> Json { throw Stopped{}; }});
-  EXPECT_THROW(work.run(), Stopped);
-  Work again(folder / "work");
-  again.add(counted(2));
-  EXPECT_TRUE(again.run());
-  EXPECT_EQ(times, 1);
-}
-
 TEST_F(WorkTest, WhatAnotherRunHasDoneMeanwhileIsNotDoneAgain) {
   const auto other_run = [&]() -> Json {
     Work other(folder / "work");
@@ -85,8 +75,7 @@ TEST_F(WorkTest, WhatAnotherRunHasDoneMeanwhileIsNotDoneAgain) {
 }
 
 TEST_F(WorkTest, ResultsAreWithoutWhatTheMachineDecides) {
-  const Json outcome = {
-      {"seconds", 3}, {"rows", {{{"spl", 0.5}, {"seconds", {1, 2}}}, nullptr, 7}}, {"bytes", {{"a", 1}}}};
+  const Json outcome = {{"seconds", 3}, {"rows", {{{"spl", 0.5}, {"seconds", {1, 2}}}, nullptr, 7}}};
   EXPECT_EQ(repeatable(outcome), (Json{{"rows", {{{"spl", 0.5}}, nullptr, 7}}}));
   work.add({"timed", {{"timed", 1}}, 1, [&] { return Json{{"seconds", ++times}, {"spl", 1}}; }});
   work.add({"bad", {{"bad", 1}}, 1, fail});

@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from charts import Bar, BarChart
-from estimates import Estimate, fixed, mean_of, text_of
+from estimates import Estimate, fixed, mean_of, percent, text_of
 from policies import Policy, Trials, is_worse
 from study import BLIND, MEANS, MISHAPS, TOLD, TRIALS, UNADAPTED, Policies, Study, name_of
 
@@ -80,33 +80,26 @@ def longer_routes(study: Study) -> None:
                   "them have SPL 0.95, and how much was learned from in total.",
                   ["places", "agent", "learner", "seeds", "episodes to SPL 0.95", "seeds that reached it", "episodes",
                    "steps", "seconds"])
+    study.remark_failed(", {places} places")
     for point in study.points:
-        study.remark_worse_than_controls(point, recordings.names, "on", ", {places} places")
+        for policy in [policy for policy in point.values() if policy.learns]:
+            remark_worse_than_controls(study, policy, point)
 
 
-def experiences(study: Study) -> None:
-    data, recordings = study.data, study.recordings
-    known = (recordings.train, second := data["second"])
-    others = [name for name in recordings.names if name not in known]
-    drawn = "The given data have one recording alone, so these are drawn recordings. " if data["substitute"] else ""
-    origin = (f"The data have no third recording, so '{', '.join(others)}' is simulated: each frame is a mixture of "
-              "the two that are learned from, from place to place more of the one or of the other, as if snow had "
-              "melted in patches. It lies between them by construction, which favours agents that know both."
-              if data["simulated"] else "All of them are recordings of their own.")
-    study.page.text(
-        f"{drawn}Agents that learned from '{recordings.train}' alone beside agents that learned from '{second}' "
-        "too, the same number of steps in all (--train A,B). Filters remember each place as both showed it. All "
-        f"are tried on recordings that neither knows: {', '.join(others)}. {origin}")
-    study.remark_failed(" on {knows}")
-    study.tried("experiences", f"{study.places_and_eye}: {MEANS}.", ["policy", "knows", "recording", *TRIALS[1:]],
-                recordings.names)
-    of_one, of_two = study.points
-    for label, policy in of_two.items():
-        for name in others:
-            alone, both = of_one[label].trials(name).spl, policy.trials(name).spl
-            if is_worse(both, alone, margin=0):
-                study.page.remark(f"{label}: two experiences are worse than one on {name} (SPL {fixed(both.mean, 3)} "
-                                  f"against {fixed(alone.mean, 3)}).")
+def remark_worse_than_controls(study: Study, policy: Policy, point: Policies) -> None:
+    """Remarks where an agent is worse than policies that learn nothing."""
+    lost, behind = [], []
+    for name in study.recordings.names:
+        own = policy.trials(name)
+        figures = f"{name} (SPL {fixed(own.spl.mean, 3)}, completed {percent(own.completed)})"
+        if own.spl.mean <= point[BLIND].trials(name).spl.mean:
+            lost.append(figures)
+        elif is_worse(own.spl, point[UNADAPTED].trials(name).spl):
+            behind.append(figures)
+    for found, text in ((lost, "no better than a policy that never looks"),
+                        (behind, "worse than the sequence filter by more than 0.01 SPL")):
+        if found:
+            study.page.remark(f"{policy.label}, {policy.cells['places']} places: {text} on {', '.join(found)}.")
 
 
 def imperfect_world(study: Study) -> None:

@@ -4,8 +4,8 @@
 import math
 
 from charts import Chart, Line, limits_around
-from estimates import COUNTS, SHARES, fixed, mean_of, percent, smoothed, text_of
-from inputs import number, numbers
+from estimates import COUNTS, SHARES, fixed, mean_of, percent, text_of
+from inputs import number
 from policies import Policy, final_value, line_of_means
 from published import BASELINE, FEATURES, RAW_IMAGES, RELEASED, WIDE_FEATURES
 from study import BLIND, MEAN_OF_SEEDS, MEANS, Study
@@ -48,20 +48,13 @@ def seconds_per_step(policy: Policy) -> list[float]:
 def draw_costs(study: Study, trained: list[Policy]) -> None:
     dots = Chart("Time to SPL 0.95 and final reward", "training time to SPL 0.95, s", "reward an episode, at the end",
                  x_logarithmic=True, width=560)
-    curves = Chart("Training time and reward", "training time, s", "reward an episode", y_limits=(-1, 1),
-                   x_logarithmic=True, width=560)
     for policy in trained:
         rewards = [final_value(training, "reward") for training in policy.trainings]
         dots.lines.append(Line(short_label(policy), policy.threshold("seconds"), rewards, dots=True))
-        curve = policy.trainings[0]["curve"]
-        curves.lines.append(Line(short_label(policy), numbers(curve["seconds"]),
-                                 smoothed(numbers(curve["reward"]), SMOOTHING)))
     dots.y_limits = limits_around([y for line in dots.lines for x, y in zip(line.x, line.y) if math.isfinite(x)])
     study.page.chart("figure-2", dots,
                      "Each dot is a seed: time to SPL 0.95, and mean reward of the last 500 episodes. Seeds that never "
                      "got there have no dot.")
-    study.page.chart("figure-2-curves", curves,
-                     "Reward during training, over seconds of training (smoothed, first seed of each agent).")
 
 
 def compare_costs(study: Study, features: Policy, raw: Policy) -> None:
@@ -147,7 +140,7 @@ def draw_deployments(study: Study, traversal: str, figure: str, label: str) -> N
                   lines=[deployments(policy, traversal, figure) for policy in study.policies if policy.learns])
     tried = {policy.label: policy.trials(traversal) for policy in study.policies if not policy.learns}
     study.draw_training(f"figure-{8 if traversal == study.recordings.train else 9}-{traversal}-{figure}",
-                        f", {MEAN_OF_SEEDS}; dashed: policies that learn nothing.", chart,
+                        f"{chart.title}, {MEAN_OF_SEEDS}; dashed: policies that learn nothing.", chart,
                         {name: trials.figure(figure).mean for name, trials in tried.items() if trials.rows})
 
 

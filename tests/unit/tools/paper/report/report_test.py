@@ -42,8 +42,8 @@ class TheReport(TemporaryFolder):
     def write(self, change=lambda report, results: None, failed: bool = False) -> tuple[int, str]:
         training = {"curve": {"episodes": [100], "steps": [10], "seconds": [1], "reward": [0.5], "spl": [0.6], "length": [60]},
                     "trials": [trial("summer")], "episodes": 100, "steps": 10, "seconds": 3.5, "spl95": None}
-        agent = {"policy": "features", "label": "features <ours>", "variant": "", "learner": "ppo", "learns": True,
-                 "representation": "hog-64", "features": 64, "frames": 128, "steps": 5, "seeds": [1], "experiences": [],
+        agent = {"policy": "features", "label": "features <ours>", "learner": "ppo", "learns": True,
+                 "representation": "hog-64", "features": 64, "frames": 128, "steps": 5, "seeds": [1],
                  "imperfections": {"slip": 0, "dropped_frames": 0, "kidnappings": 0}, "units": [0]}
         recordings = {"drawn": True, "train": "summer", "frames": 160, "traversals": [{"name": "summer", "condition": "sun"}]}
         data = {"recordings": recordings, "substitute": False, "points": [[agent]]}
