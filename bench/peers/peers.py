@@ -64,7 +64,8 @@ def main():
         service.wait()
     for name, values in figures.items():
         ratio = statistics.median(rate / peer for (rate, _), (peer, _) in zip(values, figures["JAX"]))
-        print(f"{name:<16} {statistics.median(rate for rate, _ in values):>9,.0f} steps/s, {ratio:.2f} x JAX; s to SPL .9: "
+        rate = statistics.median(rate for rate, _ in values)
+        print(f"{name:<16} {rate:>9,.0f} steps/s, {ratio:.2f} x JAX; s to SPL .9: "
               + " ".join("-" if reached is None else f"{reached:.1f}" for _, reached in values))
 
 
