@@ -45,7 +45,7 @@ class Watcher {
   }
   Store store;
   Node node;
-  Recorder recorder;
+  citylearn::Recorder recorder;
 };
 
 /// Until all is played; false when it never is.
