@@ -24,9 +24,9 @@ constexpr double kMaxJump = 30'000;                 // metres; zones of UTM are 
 constexpr std::size_t kMaxJumps = 3, kMinCopies = 4, kMinKnown = 5, kMaxLookBack = 50;
 
 /// The known places of a drive, of which it forgets those that cannot be.
-class Drive {
+class DriveCheck {
  public:
-  explicit Drive(const Places& places) : places_(places) {
+  explicit DriveCheck(const Places& places) : places_(places) {
     bool timed = places.times.size() == places.a.size();
     for (std::size_t row = 0; row < places.a.size(); ++row)
       if (std::isfinite(places.a[row]) && std::isfinite(places.b[row])) {
@@ -199,7 +199,7 @@ class Drive {
 
 }  // namespace
 
-std::vector<std::size_t> forget_impossible(const Places& places) { return Drive(places).check(); }
+std::vector<std::size_t> forget_impossible(const Places& places) { return DriveCheck(places).check(); }
 
 void forget_impossible(Traversal& traversal, const std::string& folder) {
   const std::string where = folder + ": traversal '" + traversal.name + "'";
