@@ -209,7 +209,7 @@ void forget_impossible(Traversal& traversal, const std::string& folder) {
   };
   const auto check = [&](std::vector<double>& a, std::vector<double>& b, bool on_earth) {
     if (a.empty() || a.size() != b.size()) return false;
-    const auto along = [&] { return on_earth ? metres_along(a, b) : metres_along_plane(a, b); };
+    const auto along = [&] { return on_earth ? metres_along(a, b) : metres_along_plane(a, b, traversal.height); };
     const std::vector<float> before = along();
     const bool measured =
         std::equal(before.begin(), before.end(), traversal.positions.begin(), traversal.positions.end(),

@@ -82,6 +82,7 @@ void read_poses(const std::string& path, Traversal& traversal) {
     traversal.longitude = column("lon");
     traversal.positions = metres_along(traversal.latitude, traversal.longitude);
   }
+  if (table.has("z")) traversal.height = column("z");
   const bool in_plane = table.has("x") || table.has("y");
   if (in_plane) {
     traversal.x = column("x");
@@ -91,7 +92,7 @@ void read_poses(const std::string& path, Traversal& traversal) {
     const std::vector<double> metres = column("metres");
     for (std::size_t i = 0; i < metres.size(); ++i) traversal.positions[i] = static_cast<float>(metres[i]);
   } else if (in_plane) {
-    const std::vector<double> z = table.has("z") ? column("z") : std::vector<double>();
+    const std::vector<double>& z = traversal.height;
     if (!z.empty())
       forget_impossible({traversal.x, traversal.y, traversal.times, false, path, "places",
                          [](std::size_t row) { return "frame " + std::to_string(row); }, false});

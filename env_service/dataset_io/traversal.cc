@@ -32,6 +32,7 @@ void Traversal::keep(const std::vector<int>& kept) {
   pick(longitude, kept);
   pick(x, kept);
   pick(y, kept);
+  pick(height, kept);
   pick(times, kept);
   pick(unmatched, kept);
   frames = static_cast<int>(kept.size());

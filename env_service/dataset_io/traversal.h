@@ -28,6 +28,7 @@ struct Traversal {
   std::vector<double> latitude;    ///< F, degrees north (WGS 84), NaN where unknown; or empty
   std::vector<double> longitude;   ///< F, degrees east, NaN where unknown; or empty
   std::vector<double> x, y;        ///< F, metres of any plane, as odometry has them, NaN where unknown; or empty
+  std::vector<double> height;      ///< F, metres above any one level, NaN where unknown; or empty
   std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
   std::vector<bool> unmatched;     ///< F, frames that show another place than a sibling's: no task is there; or empty
   std::shared_ptr<const StreetMap> streets;  ///< in order; null on a line

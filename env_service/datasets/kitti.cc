@@ -243,6 +243,10 @@ class Kitti : public FolderDataset {
     forget_impossible({x, z, traversal.times, false, path, "poses",
                        [&poses](std::size_t row) { return "in " + poses.place(static_cast<int>(row)); }, false});
     traversal.positions = metres_along_plane(x, y, z);
+    for (double& down : y) down = -down;
+    traversal.x = std::move(x);
+    traversal.y = std::move(z);
+    traversal.height = std::move(y);
   }
 
   const int camera_;

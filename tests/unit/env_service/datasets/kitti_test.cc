@@ -224,6 +224,9 @@ TEST(KittiOdometry, ReadsASequence) {
   EXPECT_EQ(dataset->correspondence(), Correspondence::kDistance);
   const Traversal traversal = dataset->load("04");
   EXPECT_EQ(traversal.positions, (std::vector<float>{0, 3, 6}));
+  EXPECT_EQ(traversal.x, (std::vector<double>{0, 1, 1}));
+  EXPECT_EQ(traversal.y, (std::vector<double>{0, 2, 5}));
+  EXPECT_EQ(traversal.height, (std::vector<double>{0, -2, -2}));
   EXPECT_NEAR(traversal.times[2], 0.207, 1e-12);
   const std::uint64_t hash = traversal.hash();
   write_picture(folder / "sequences/04/image_2/000001.png", {9, 9, 9});
