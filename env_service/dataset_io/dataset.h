@@ -55,8 +55,9 @@ class Dataset {
   /// Returns the map of streets that it has; null where it has none.
   virtual std::shared_ptr<const StreetGraph> streets() { return nullptr; }
   /// Makes load() return what is seen in each state under `rule`, where there is a map, or frames in a line. Unset: as
-  /// the frames fit. Datasets without a map ignore it.
+  /// the frames fit. Datasets without a map ignore it, and select() makes streets of where a recording drove.
   void walk_by(std::optional<StateRule> rule) { rule_ = rule; }
+  std::optional<StateRule> rule() const { return rule_; }
   bool on_streets() const { return rule_ && *rule_ != StateRule::kLine; }
   /// Returns what is not taken of a traversal that was loaded, where files hold more than frames.
   virtual LeftOut left_out(const std::string& /*name*/) { return {}; }

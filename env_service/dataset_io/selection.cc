@@ -10,6 +10,7 @@
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/alignment.h"
 #include "env_service/dataset_io/sight.h"
+#include "env_service/dataset_io/street_views.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
@@ -136,13 +137,28 @@ std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames,
   return frames;
 }
 
+/// Makes the frames those of the states of the streets that the recording has run through; or of those of its sibling,
+/// where it is aligned to one, so that both walk on one map.
+void walk_on_streets(Dataset& dataset, Traversal& traversal, const Selection& selection) {
+  const std::string name = selection.align.empty() ? traversal.name : selection.align;
+  if (dataset.rule() != StateRule::kStreet)
+    throw Error("traversal '" + name + "' has no map of streets, and was seen in the direction of the drive alone",
+                "--rule", "give --rule street, or leave it out");
+  Traversal sibling;
+  if (!selection.align.empty()) {
+    sibling = dataset.load(selection.align);
+    sibling.keep(cut(sibling, selection));
+  }
+  DriveStreets streets = streets_driven(selection.align.empty() ? traversal : sibling, "traversal '" + name + "'");
+  spdlog::info("{}: {}", name, streets.description().front());
+  show_streets(traversal, std::move(streets));
+}
+
 }  // namespace
 
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
   check(selection);
   Traversal traversal = dataset.load(name);
-  if (dataset.on_streets() && !traversal.streets)
-    throw Error("'" + traversal.dataset + "' has no map of streets", "--rule", "leave it out");
   std::vector<bool> unmatched;
   const std::vector<int> frames =
       selection.align.empty() ? cut(traversal, selection) : aligned(dataset, traversal, selection, unmatched);
@@ -157,6 +173,7 @@ Traversal select(Dataset& dataset, const std::string& name, const Selection& sel
   }
   if (frames != all) traversal.keep(frames);
   traversal.unmatched = std::move(unmatched);
+  if (dataset.on_streets() && !traversal.streets) walk_on_streets(dataset, traversal, selection);
   return traversal;
 }
 

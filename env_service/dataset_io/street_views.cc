@@ -4,15 +4,23 @@
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
 #include "core/util/error.h"
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"
+#include "env_service/geometry/plane.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
+namespace {
+
+constexpr double kReceiver = 5;  ///< metres by which receivers err
+
+}  // namespace
 
 void set_streets(Traversal& traversal, const StreetGraph& graph, std::shared_ptr<const StreetMap> map, StateRule rule,
                  const StateMap& states) {
@@ -62,6 +70,37 @@ void show_states(Traversal& traversal, const StreetGraph& graph, std::optional<S
   traversal.keep(shown);
   set_streets(traversal, graph, map, by, states);
   traversal.times.clear();
+}
+
+DriveStreets streets_driven(const Traversal& recording, const std::string& where) {
+  Drive drive{recording.x, recording.y, recording.height, recording.positions};
+  const auto known = [](const std::vector<double>& numbers) {
+    return std::any_of(numbers.begin(), numbers.end(), [](double number) { return std::isfinite(number); });
+  };
+  if (!known(recording.x) && known(recording.latitude)) {
+    // A sphere laid flat at the first known place is right enough where the drive meets itself.
+    drive.receiver = kReceiver;
+    drive.east = drive.north = recording.latitude;
+    double latitude = std::numeric_limits<float>::quiet_NaN(), longitude = std::numeric_limits<float>::quiet_NaN();
+    for (std::size_t i = 0; i < recording.latitude.size(); ++i) {
+      if (std::isnan(longitude)) latitude = recording.latitude[i], longitude = recording.longitude[i];
+      drive.east[i] = kEarthRadius * kDegree * std::cos(latitude * kDegree) *
+                      std::remainder(recording.longitude[i] - longitude, 360);
+      drive.north[i] = kEarthRadius * kDegree * (recording.latitude[i] - latitude);
+    }
+  }
+  if (drive.east.empty())
+    throw Error("has neither a map of streets nor places in a plane or on the earth", where, "leave out --rule");
+  return streets_of(drive, where);
+}
+
+void show_streets(Traversal& traversal, DriveStreets streets) {
+  if (traversal.images) traversal.images = picked(traversal.images, streets.shown);
+  traversal.keep(streets.shown);
+  traversal.positions.assign(streets.shown.size(), std::numeric_limits<float>::quiet_NaN());
+  traversal.times.clear();
+  traversal.rule = StateRule::kStreet;
+  traversal.streets = std::make_shared<const StreetMap>(std::move(streets.map));
 }
 
 }  // namespace citylearn

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "env_service/dataset_io/traversal.h"
+#include "env_service/streets/drive_streets.h"
 #include "env_service/streets/street_graph.h"
 
 namespace citylearn {
@@ -20,5 +21,11 @@ void set_streets(Traversal& traversal, const StreetGraph& graph, std::shared_ptr
 /// fit `rule`.
 void show_states(Traversal& traversal, const StreetGraph& graph, std::optional<StateRule> rule,
                  const std::string& where);
+
+/// Returns the streets that a recording has run through. Throws Error naming `where` when it has none (streets_of()).
+DriveStreets streets_driven(const Traversal& recording, const std::string& where);
+
+/// Makes the frames of a recording those of the states of these streets.
+void show_streets(Traversal& traversal, DriveStreets streets);
 
 }  // namespace citylearn

@@ -373,7 +373,7 @@ demo() {
     part=("${of_part[@]}")
     [ -n "$unequal" ] || return 0
     aligning=(--align-by sight)
-    [ ${#part[@]} -gt 0 ] || part=(--frames "0:$((first < count ? first : count))")
+    [ "$streets" = yes ] || [ ${#part[@]} -gt 0 ] || part=(--frames "0:$((first < count ? first : count))")
     for name in "${same[@]}"; do
       look_at "$name" && continue
       aligning=() part=("${of_part[@]}")
@@ -417,7 +417,7 @@ demo() {
   local aligned=$images   # frames of equal index in tables of features show the same place already
   [[ $dataset =~ ^(plain|synthetic)$ && ${#aligning[@]} -eq 0 ]] || aligned=yes
   # No more pictures, and no more places to align, than the agents will see.
-  [ "$aligned" = no ] || [ ${#part[@]} -gt 0 ] || part=(--frames "0:$count")
+  [ "$aligned" = no ] || [ "$streets" = yes ] || [ ${#part[@]} -gt 0 ] || part=(--frames "0:$count")
   if [ "$images" = yes ]; then
     "$encoder" "${encoding[@]}" --list >/dev/null || exit 1
   fi

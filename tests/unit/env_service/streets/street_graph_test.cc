@@ -99,7 +99,8 @@ TEST_F(Streets, AreTakenWholeAndAlignedByIndex) {
   EXPECT_EQ(rows_of(load({}, {.align = "night"})), (std::vector<float>{1, 0, 2, 3}));
   EXPECT_TRUE(holds(error_of([&] { load({}, {.end = 3}); }), "streets are walked on as a whole"));
   std::filesystem::remove(folder_ / "links.txt");
-  EXPECT_TRUE(holds(error_of([&] { load(StateRule::kStreet); }), "--rule: 'plain' has no map of streets"));
+  EXPECT_TRUE(
+      holds(error_of([&] { load(StateRule::kStreet); }), "traversal 'day': has neither a map of streets nor places"));
 }
 
 TEST_F(Streets, WrongMapsEndInOneLine) {

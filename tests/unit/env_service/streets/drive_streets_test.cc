@@ -1,0 +1,336 @@
+// SPDX-License-Identifier: Apache-2.0
+// Streets that recordings have run through.
+#include "env_service/streets/drive_streets.h"
+
+#include <fstream>
+
+#include "env_service/dataset_io/selection.h"
+#include "env_service/geometry/geometry.h"
+#include "tests/paths.h"
+#include "tests/support/data/layouts.h"
+#include "tests/support/data/real_data.h"
+
+namespace citylearn::testing {
+namespace {
+
+using Corners = std::vector<std::pair<double, double>>;
+
+Drive drive_at(std::vector<double> east, std::vector<double> north) {
+  Drive drive{std::move(east), std::move(north)};
+  drive.along = metres_along_plane(drive.east, drive.north);
+  return drive;
+}
+
+/// A drive along straight lines from corner to corner, with a frame every 10 m.
+Drive drive_by(const Corners& corners) {
+  std::vector<double> east, north;
+  double next = 0;  // metres to the next frame
+  for (std::size_t i = 0; i + 1 < corners.size(); ++i) {
+    const auto [x, y] = corners[i];
+    const double way_x = corners[i + 1].first - x, way_y = corners[i + 1].second - y, length = std::hypot(way_x, way_y);
+    for (; next <= length; next += 10) {
+      east.push_back(x + way_x * next / length);
+      north.push_back(y + way_y * next / length);
+    }
+    next -= length;
+  }
+  return drive_at(east, north);
+}
+
+/// Frames 0 to 9 go east to (47, 0), 19 to 28 south from (0, 47), and cross the way east at (0, 0) between frames 4 and
+/// 5, and 23 and 24: nearest are 4, (-3, 0), and 24, (0, -3). From frame 39 on, (-39, 0), they go east again.
+const Corners kEight{{-43, 0}, {47, 0}, {47, 50}, {0, 50}, {0, -50}, {-46, -50}, {-46, 0}, {-13, 0}};
+
+std::vector<std::string> meetings_of(const DriveStreets& streets) {
+  std::vector<std::string> lines = streets.description();
+  lines.erase(lines.begin());
+  return lines;
+}
+
+/// Returns the frame that is shown where one faces from the place of one frame to that of another; -1: there is no way.
+int shown(const DriveStreets& streets, std::size_t from, std::size_t to) {
+  for (std::size_t link = 0; link < streets.map.links(); ++link)
+    if (static_cast<int>(streets.map.from[link]) == streets.places.at(from) &&
+        static_cast<int>(streets.map.to[link]) == streets.places.at(to))
+      return streets.shown[link];
+  return -1;
+}
+
+TEST(DriveStreets, AnEightIsCrossedAndClosed) {
+  const DriveStreets streets = streets_of(drive_by(kEight), "drive");
+  EXPECT_EQ(
+      streets.description(),
+      (std::vector<std::string>{
+          "streets: places 38, links 39, junctions 1, dead ends 0, one-way links 39; frames left out: 3, of which "
+          "0 are at places that cannot be reached from the others, or not left for them, and 0 at unknown places",
+          "streets: frame 24 meets frame 4 (90 degrees)",
+          "streets: frames 39 to 41 run along frames 0 to 2 (0 degrees)"}));
+  EXPECT_EQ(streets.places[24], streets.places[4]);
+  EXPECT_EQ(streets.places[41], streets.places[2]);
+  EXPECT_EQ(shown(streets, 38, 0), 38);
+  EXPECT_EQ(shown(streets, 0, 1), 0);  // not 39 or 40, which were there later
+  // At the crossing one goes straight on, or turns right for the south.
+  const StateMap states(streets.map, StateRule::kStreet, 100);
+  const auto facing = [&](int frame) {
+    return static_cast<int>(std::find(streets.shown.begin(), streets.shown.end(), frame) - streets.shown.begin());
+  };
+  EXPECT_EQ(states.next(facing(3), kForward), facing(4));
+  EXPECT_EQ(states.next(facing(4), kRight), facing(24));
+  EXPECT_EQ(states.next(facing(24), kForward), facing(25));
+  EXPECT_EQ(states.allowed(facing(3)), 1 << kForward);
+  EXPECT_NEAR(states.heading(facing(24)), 180, 1e-3);
+  EXPECT_EQ(states.steps_to({streets.places[28]})[static_cast<std::size_t>(facing(0))], 4 + 1 + 4);
+}
+
+TEST(DriveStreets, ABridgeDoesNotMeetWhatIsBelow) {
+  Drive drive = drive_by(kEight);
+  drive.height.assign(drive.east.size(), 0);
+  for (std::size_t frame = 20; frame < 28; ++frame) drive.height[frame] = 5;
+  EXPECT_EQ(meetings_of(streets_of(drive, "drive")),
+            std::vector<std::string>{"streets: frames 39 to 41 run along frames 0 to 2 (0 degrees)"});
+  for (double& height : drive.height) height *= 0.6;
+  EXPECT_EQ(meetings_of(streets_of(drive, "drive")).size(), 2u);
+  for (double& height : drive.height) height = std::nan("");
+  EXPECT_EQ(meetings_of(streets_of(drive, "drive")).size(), 2u);
+}
+
+TEST(DriveStreets, AStreetThereAndBackIsSeenInBothDirections) {
+  // Frame 10 turns at (97, 3); the way back is 4 m beside, frame 11 at (88, 4), nearest to 9, and 20 at (-2, 4) to 0.
+  const DriveStreets streets = streets_of(drive_by({{0, 0}, {97, 0}, {97, 4}, {-2, 4}}), "drive");
+  EXPECT_EQ(meetings_of(streets),
+            std::vector<std::string>{"streets: frames 11 to 20 run along frames 9 to 0 (180 degrees)"});
+  EXPECT_EQ(streets.map.places(), 11u);
+  EXPECT_EQ(streets.map.links(), 20u);
+  for (int place = 0; place < 10; ++place) {
+    EXPECT_EQ(shown(streets, place, place + 1), place);
+    EXPECT_EQ(shown(streets, place + 1, place), place == 9 ? 10 : 19 - place);
+  }
+  EXPECT_TRUE(streets.description()[0].starts_with(
+      "streets: places 11, links 20, junctions 0, dead ends 2, one-way links 0; frames left out: 1,"));
+}
+
+TEST(DriveStreets, LongerStepsPassThePlacesBetween) {
+  // There with a frame every 10 m to (100, 0), back with one every 25 m.
+  std::vector<double> east, north;
+  for (int i = 0; i <= 10; ++i) east.push_back(10 * i), north.push_back(0);
+  for (int i = 0; i <= 4; ++i) east.push_back(88 - 25 * i), north.push_back(3);
+  const DriveStreets streets = streets_of(drive_at(east, north), "drive");
+  EXPECT_EQ(shown(streets, 9, 8), 11);  // at (88, 3), from where the next one is at (63, 3)
+  EXPECT_EQ(shown(streets, 8, 7), 11);
+  EXPECT_EQ(shown(streets, 6, 5), 12);
+  EXPECT_EQ(shown(streets, 9, 6), -1);
+}
+
+TEST(DriveStreets, NoiseOfAVehicleThatStandsMakesNoPlaces) {
+  const Drive moving = drive_by(kEight);
+  Drive stood = moving;
+  for (int i = 0; i < 60; ++i) {  // at frame 7, up to .6 m off
+    stood.east.insert(stood.east.begin() + 8, moving.east[7] + 0.5 * std::cos(i * 2.4));
+    stood.north.insert(stood.north.begin() + 8, moving.north[7] + 0.5 * std::sin(i * 1.7));
+  }
+  const DriveStreets streets = streets_of(drive_at(stood.east, stood.north), "drive");
+  EXPECT_EQ(streets.map.hash(), streets_of(moving, "drive").map.hash());
+  EXPECT_EQ(streets.frames, 102);
+  EXPECT_EQ(meetings_of(streets)[0], "streets: frame 84 meets frame 4 (90 degrees)");
+}
+
+TEST(DriveStreets, WhatNoWayComesBackToIsLeftOut) {
+  Corners corners = kEight;
+  corners[0].first -= 300;        // 30 frames before the eight
+  corners.push_back({-13, 205});  // and 21 behind it, from frame 72 at (-13, 4)
+  Drive drive = drive_by(corners);
+  drive.east[35] = drive.north[35] = std::nan("");  // (7, 0) of the way east, just behind the crossing
+  const DriveStreets streets = streets_of(drive, "drive");
+  EXPECT_EQ(
+      streets.description(),
+      (std::vector<std::string>{
+          "streets: places 37, links 38, junctions 1, dead ends 0, one-way links 38; frames left out: 55, of which 51 "
+          "are at places that cannot be reached from the others, or not left for them, and 1 at unknown places",
+          "streets: frame 54 meets frame 34 (90 degrees)",
+          "streets: frames 69 to 71 run along frames 30 to 32 (0 degrees)"}));
+  EXPECT_EQ(streets.places[29], -1);
+  EXPECT_EQ(streets.places[35], -1);
+  EXPECT_EQ(streets.places[72], -1);
+  EXPECT_EQ(shown(streets, 34, 36), 34);
+}
+
+TEST(DriveStreets, ADriveThatNeverComesBackHasNone) {
+  const auto told = [](const Drive& drive) { return error_of([&] { streets_of(drive, "day"); }); };
+  EXPECT_EQ(told(drive_by({{0, 0}, {300, 0}, {300, 300}})),
+            "day: never comes back to within 8.0 m of where it was (it is a line: leave out --rule)");
+  // Two carriageways, 20 m apart, are two streets.
+  EXPECT_NE(told(drive_by({{0, 0}, {300, 0}, {300, 20}, {0, 20}})), "");
+  EXPECT_EQ(told(drive_at({5, 5, 5}, {1, 1, 1})),
+            "day: stands, or fewer than two of its frames have places (leave out --rule)");
+}
+
+/// A folder with the eight by day, and a night a little beside it. Row r of a table is r.5, 7.
+class RecordedStreets : public ::testing::Test {
+ protected:
+  RecordedStreets() {
+    const Drive drive = drive_by(kEight);
+    for (const auto& [name, off] : {std::pair("day", 0.0), {"night", 1.25}}) {
+      std::string rows, poses = "x,y,z\n";
+      for (std::size_t i = 0; i < drive.east.size(); ++i) {
+        rows += std::to_string(i) + ".5,7\n";
+        poses +=
+            std::to_string(drive.east[i] + (i % 2 ? off : 0)) + "," + std::to_string(drive.north[i] - off) + ",0\n";
+      }
+      make_file(folder_ / (std::string(name) + ".csv"), rows);
+      make_file(folder_ / (std::string(name) + ".poses.csv"), poses);
+    }
+  }
+  Traversal load(const std::string& name, std::optional<StateRule> rule, const Selection& selection = {}) const {
+    const auto dataset = make_dataset("plain", folder_.path());
+    dataset->walk_by(rule);
+    return select(*dataset, name, selection);
+  }
+  std::string refusal(std::optional<StateRule> rule) const {
+    return error_of([&] { load("day", rule); });
+  }
+  Folder folder_;
+};
+
+TEST_F(RecordedStreets, AreWalkedByTheRuleOfStreetsAlone) {
+  EXPECT_EQ(load("day", {}).streets, nullptr);
+  EXPECT_EQ(load("day", {}).frames, 42);
+  const Traversal day = load("day", StateRule::kStreet);
+  EXPECT_EQ(day.frames, 39);
+  EXPECT_EQ(day.states()->places(), 38);
+  const DriveStreets streets = streets_of(drive_by(kEight), "drive");
+  for (int state = 0; state < day.frames; ++state)
+    EXPECT_EQ(day.feature(state)[0], static_cast<float>(streets.shown[static_cast<std::size_t>(state)]) + 0.5f);
+  EXPECT_EQ(
+      refusal(StateRule::kStreetFixed),
+      "--rule: traversal 'day' has no map of streets, and was seen in the direction of the drive alone (give --rule "
+      "street, or leave it out)");
+}
+
+TEST_F(RecordedStreets, ASiblingWalksOnTheMapThatItIsAlignedTo) {
+  Selection selection;
+  selection.align = "day";
+  selection.by = "index";
+  const Traversal day = load("day", StateRule::kStreet), night = load("night", StateRule::kStreet, selection);
+  EXPECT_EQ(night.streets->hash(), day.streets->hash());
+  EXPECT_EQ(night.features, day.features);
+  EXPECT_NE(load("night", StateRule::kStreet).streets->hash(), day.streets->hash());
+}
+
+TEST_F(RecordedStreets, NeedPlacesInAPlaneOrOnTheEarth) {
+  std::filesystem::remove(folder_ / "day.poses.csv");
+  const std::string missing =
+      "traversal 'day': has neither a map of streets nor places in a plane or on the earth (leave out --rule)";
+  EXPECT_EQ(refusal(StateRule::kStreet), missing);
+  make_file(folder_ / "day.poses.csv", "metres\n0\n10\n20\n");
+  EXPECT_EQ(refusal(StateRule::kStreet), missing);
+  // On the earth a receiver errs by 5 m: here the way back is 4.4 m beside, frames 1 m apart, at longitude 180.
+  std::string poses = "lat,lon\n";
+  for (int i = 0; i < 42; ++i) {
+    const double east = i < 21 ? i : 41 - i;
+    poses += (i < 21 ? "0," : "0.00004,") +
+             std::to_string(east < 10 ? 179.99991 + east * 9e-6 : -180 + (east - 10) * 9e-6) + "\n";
+  }
+  make_file(folder_ / "day.poses.csv", poses);
+  EXPECT_GT(load("day", StateRule::kStreet).frames, 20);
+}
+
+/// What a search through all pairs of frames finds, of poses of KITTI.
+struct Truth {
+  std::vector<double> x, z, along;
+  std::vector<std::pair<double, double>> ways;  ///< directions
+  std::vector<int> earlier;                     ///< the nearest frame of the earlier way that each is on; -1: on none
+  std::vector<std::pair<int, int>> crossings;   ///< frames behind which ways cross at 45 degrees or more
+
+  explicit Truth(const std::string& path) {
+    std::ifstream file(path);
+    for (std::array<double, 12> pose; file >> pose[0];) {
+      for (std::size_t i = 1; i < 12; ++i) file >> pose[i];
+      along.push_back(x.empty() ? 0 : along.back() + std::hypot(pose[3] - x.back(), pose[11] - z.back()));
+      x.push_back(pose[3]);
+      z.push_back(pose[11]);
+    }
+    const std::size_t frames = x.size();
+    std::vector<double> steps;
+    for (std::size_t i = 0; i < frames; ++i) {
+      if (i > 0) steps.push_back(along[i] - along[i - 1]);
+      std::size_t before = i, after = i;
+      while (before > 0 && along[i] - along[before] < 0.5) --before;
+      while (after + 1 < frames && along[after] - along[i] < 0.5) ++after;
+      const double length = std::hypot(x[after] - x[before], z[after] - z[before]);
+      ways.emplace_back((x[after] - x[before]) / length, (z[after] - z[before]) / length);
+    }
+    std::sort(steps.begin(), steps.end());
+    const double usual = steps[steps.size() / 2], reach = 4 * usual;
+    for (std::size_t b = 0; b < frames; ++b) {
+      double least = reach * (b > 0 && earlier.back() >= 0 ? 1.5 : 1);
+      earlier.push_back(-1);
+      for (std::size_t a = 0; a < b; ++a) {
+        const double cosine = ways[a].first * ways[b].first + ways[a].second * ways[b].second;
+        const double metres = std::hypot(x[a] - x[b], z[a] - z[b]), back = along[b] - along[a];
+        const double ahead = (x[b] - x[a]) * ways[a].first + (z[b] - z[a]) * ways[a].second;
+        const bool aligned = std::abs(cosine) >= std::sqrt(0.5);
+        if (!aligned && back > 4 * reach && b + 1 < frames && parts(a, b) && parts(b, a)) crossings.emplace_back(a, b);
+        if (!aligned || metres > least || back <= (cosine > 0 ? 4 : 1) * reach ||
+            std::abs(ahead) > std::max(usual, along[a + 1] - along[a]))
+          continue;
+        least = metres;
+        earlier[b] = static_cast<int>(a);
+      }
+    }
+  }
+  /// Returns whether the line of frames a and a + 1 has b and b + 1 on its two sides.
+  bool parts(std::size_t a, std::size_t b) const {
+    const auto side = [&](std::size_t i) {
+      return (x[a + 1] - x[a]) * (z[i] - z[a]) - (z[a + 1] - z[a]) * (x[i] - x[a]);
+    };
+    return side(b) * side(b + 1) < 0;
+  }
+  /// Returns the frames at which the drive comes to its earlier way and leaves it, by turns.
+  std::vector<int> ends() const {
+    std::vector<int> found;
+    for (std::size_t b = 1; b < x.size(); ++b)
+      if ((earlier[b] < 0) != (earlier[b - 1] < 0)) found.push_back(static_cast<int>(b) - (earlier[b] < 0));
+    if (earlier.back() >= 0) found.push_back(static_cast<int>(x.size()) - 1);
+    return found;
+  }
+};
+
+TEST(DriveStreets, KittiMeetsItselfWhereAllPairsOfFramesSaySo) {
+  const std::string poses = real_data(CITYLEARN_SOURCE_DIR, "kitti-odometry-poses");
+  if (poses.empty()) GTEST_SKIP() << "needs kitti-odometry-poses";
+  for (const std::string name : {"00", "05", "06", "07"}) {
+    const Truth truth(poses + "/" + name + ".txt");
+    const DriveStreets streets = streets_of(drive_at(truth.x, truth.z), name);
+    std::vector<int> found;  // as ends()
+    for (const DriveMeeting& one : streets.meetings) {
+      if (!found.empty() && one.first == found.back() + 1)
+        found.pop_back();  // it goes on where the earlier way was another one's
+      else
+        found.push_back(one.first);
+      found.push_back(one.last);
+    }
+    const std::vector<int> expected = truth.ends();
+    ASSERT_EQ(found.size(), expected.size()) << name;
+    for (std::size_t i = 0; i < found.size(); ++i) EXPECT_NEAR(found[i], expected[i], 2) << name;
+    const auto place = [&](int frame) {
+      return frame < 0 || frame >= streets.frames ? -1 : streets.places[static_cast<std::size_t>(frame)];
+    };
+    const auto one_place = [&](int a, int b) {
+      for (int i = a - 2; i <= a + 2; ++i)
+        for (int j = b - 2; j <= b + 2; ++j)
+          if (place(i) >= 0 && place(i) == place(j)) return true;
+      return false;
+    };
+    const auto stands = [&](std::size_t a) { return a >= 2 && truth.along[a + 2] - truth.along[a - 2] < 0.5; };
+    for (std::size_t b = 0; b < truth.x.size(); ++b) {
+      const int a = truth.earlier[b];
+      EXPECT_TRUE(a < 0 || stands(static_cast<std::size_t>(a)) || one_place(a, static_cast<int>(b)))
+          << name << " " << a << " " << b;
+    }
+    for (const auto& [a, b] : truth.crossings) EXPECT_TRUE(one_place(a, b)) << name << " " << a << " " << b;
+    EXPECT_EQ(truth.crossings.size(), name == "05" ? 1u : 0u);
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing
