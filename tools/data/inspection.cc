@@ -16,6 +16,7 @@
 #include "core/files/image_header.h"
 #include "core/util/text.h"
 #include "env_service/dataset_io/sight.h"
+#include "env_service/dataset_io/street_views.h"
 #include "env_service/files/files.h"
 #include "env_service/geometry/plane.h"
 #include "env_service/images/image_sources.h"
@@ -174,6 +175,11 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
           !one.streets &&
           std::any_of(one.latitude.begin(), one.latitude.end(), [](double x) { return std::isfinite(x); }))
         inspection.routes.push_back({name, one.latitude, one.longitude});
+      if (!traversals.back().streets) try {
+          for (const std::string& line : streets_driven(traversals.back(), name).description())
+            inspection.notes.push_back(name + ": " + line);
+        } catch (const Error&) {  // it is a line alone
+        }
       traversals.back().features = {};  // they were checked as they were read
       const LeftOut left_out = dataset.left_out(name);
       for (const std::string& line : left_out.on_purpose) inspection.left_out.push_back(name + ": " + line);
