@@ -49,6 +49,7 @@ ELSEWHERE = {
     "env_service --dataset synthetic --metrics": "prometheus_test.py",
     "env_service --data DIR --traversal": "tests/python/streets_test.py",
     "env_service --data CITY --rule street": "tests/unit/env_service/datasets",
+    "env_service --data DIR --rule street": "tests/unit/env_service/streets",
     "policy_service --train summer --evaluate summer,fall --controls all": "tests/simulation/services/streets_test.cc",
     "./run forward": "tests/python/forward_test.py",
     "./run replay drive --agent": "tests/unit/tools/record",
