@@ -36,8 +36,9 @@ void add_dataset_options(CLI::App& app, Source& source, const std::string& group
       ->type_name("DIR");
   app.add_option_function<std::string>(
          "--rule", [&source](const std::string& name) { source.rule = kRules.at(name); },
-         "How agents walk: line: along the frames; street: along the links of a map, facing one; street-fixed: with 16 "
-         "headings; streetlearn: likewise, ahead to the nearest place. By default street where frames fit a map")
+         "How agents walk: line: along the frames; street: along the links of a map, or where a recording drove, "
+         "facing one; street-fixed: with 16 headings; streetlearn: likewise, ahead to the nearest place. By default "
+         "street where frames fit a map")
       ->check(CLI::IsMember(&kRules));
 }
 

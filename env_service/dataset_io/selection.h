@@ -38,8 +38,8 @@ struct Selection {
 /// Loads traversal `name`, cuts and thins it; or, when it is to be aligned, cuts and thins its sibling and picks the
 /// frame at the same place for each frame of that. Then refuses broken frames, or replaces each by the nearest good one
 /// of the recording (logging up to 20 by name); a frame keeps its own position. With nothing selected and nothing
-/// broken the traversal is as the dataset loads it, hash() included. Streets are taken whole, and aligned by index.
-/// Throws Error that names the option or the frame.
+/// broken the traversal is as the dataset loads it, hash() included. A map of streets is taken whole, and aligned by
+/// index; where rule street has none, one is made of the drive (streets_driven). Throws Error naming option or frame.
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection);
 
 /// The options that name a traversal, the same in every program: a dataset, its folder and parameters, a traversal by

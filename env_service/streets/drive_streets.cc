@@ -30,10 +30,10 @@ constexpr double kBend = 4;            // times the reach
 constexpr double kStay = 1.5;          // times the reach, within which a drive stays where it is on its earlier way
 const double kAlong = std::sqrt(0.5);  // cosine of directions that are one
 
-using Vector = std::complex<double>;  // metres to the east and to the north
+using PlaneVector = std::complex<double>;  // metres to the east and to the north
 
-double dot(Vector a, Vector b) { return (std::conj(a) * b).real(); }
-double cross(Vector a, Vector b) { return (std::conj(a) * b).imag(); }
+double dot(PlaneVector a, PlaneVector b) { return (std::conj(a) * b).real(); }
+double cross(PlaneVector a, PlaneVector b) { return (std::conj(a) * b).imag(); }
 
 class DriveReader {
  public:
@@ -55,11 +55,11 @@ class DriveReader {
   /// A frame where the vehicle got on.
   struct Step {
     int frame;
-    Vector at;
-    double height, along;   ///< metres; the height may be unknown
-    Vector direction = {};  ///< of length 1
-    int merged = -1;        ///< the earlier step along whose way this one is
-    int crossing = -1;      ///< the earlier step with which this one is one place
+    PlaneVector at;
+    double height, along;        ///< metres; the height may be unknown
+    PlaneVector direction = {};  ///< of length 1
+    int merged = -1;             ///< the earlier step along whose way this one is
+    int crossing = -1;           ///< the earlier step with which this one is one place
 
     Point point() const { return {at.real(), at.imag()}; }
   };
@@ -115,8 +115,8 @@ class DriveReader {
       int before = i, after = i;
       while (before > std::max(i - kNeighbours, 0) && metres(before, i) < streets_.reach / 4) --before;
       while (after + 1 < std::min(i + kNeighbours, count()) && metres(after, i) < streets_.reach / 4) ++after;
-      const Vector way = step(after).at - step(before).at;
-      step(i).direction = way == Vector() ? Vector(0, 1) : way / std::abs(way);
+      const PlaneVector way = step(after).at - step(before).at;
+      step(i).direction = way == PlaneVector() ? PlaneVector(0, 1) : way / std::abs(way);
     }
   }
 
@@ -135,7 +135,7 @@ class DriveReader {
       for (const auto& [other, metres] : near) {
         const Step& earlier = step(other);
         const double cosine = dot(now.direction, earlier.direction), back = now.along - earlier.along;
-        const Vector away = now.at - earlier.at;
+        const PlaneVector away = now.at - earlier.at;
         if (std::abs(cosine) < kAlong || back <= (cosine > 0 ? kBend : 1) * streets_.reach || !one_height(i, other) ||
             std::abs(cross(earlier.direction, away)) > reach ||
             std::abs(dot(earlier.direction, away)) > std::max(gap(other), usual_) || metres >= least)
@@ -150,12 +150,12 @@ class DriveReader {
 
   /// Joins the way to step i, where it crosses those near, with them.
   void cross_earlier(int i, const std::vector<Grid::Near>& near) {
-    const Vector from = step(i - 1).at, way = step(i).at - from;
+    const PlaneVector from = step(i - 1).at, way = step(i).at - from;
     for (const auto& [other, away] : near) {
       if (other + 1 >= i || step(other + 1).merged >= 0 ||
           step(i).along - step(other + 1).along <= kBend * streets_.reach)
         continue;
-      const Vector start = step(other).at, earlier = step(other + 1).at - start;
+      const PlaneVector start = step(other).at, earlier = step(other + 1).at - start;
       const double across = cross(way, earlier);
       if (std::max(std::abs(way), std::abs(earlier)) > kMaxSteps * usual_ ||
           std::abs(dot(way, earlier)) >= kAlong * std::abs(way) * std::abs(earlier))
@@ -176,7 +176,8 @@ class DriveReader {
     for (int i = 0, before = -1, first = 0; i < count(); before = step(i++).merged) {
       const int other = std::max(step(i).merged, step(i).crossing);
       if (other < 0) continue;
-      if (step(i).merged < 0 || before < 0 || std::abs(other - before) * usual_ > 2 * streets_.reach) {
+      const int passed = std::abs(other - before);
+      if (step(i).merged < 0 || before < 0 || (passed > 3 && passed * usual_ > 2 * streets_.reach)) {
         first = i;
         streets_.meetings.push_back({step(i).frame, 0, step(other).frame});
       }
@@ -260,8 +261,8 @@ std::vector<std::string> DriveStreets::description() const {
   });
   std::vector<std::string> lines{
       fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}; frames left out: {}, of "
-                  "which {} are "
-                  "at places that cannot be reached from the others, or not left for them, and {} at unknown places",
+                  "which {} are at places that cannot be reached from the others, or not left for them, and {} at "
+                  "unknown places",
                   map.places(), map.links(), with([](auto& others) { return others.size() > 2; }),
                   with([](auto& others) { return others.size() == 1; }), one_way,
                   frames - static_cast<int>(std::set<int>(shown.begin(), shown.end()).size()), apart, unknown)};
