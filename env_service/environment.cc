@@ -65,6 +65,11 @@ void Environment::reset(const msg::TaskSettings& settings) {
       throw Error("traversal '" + traversal_.name + "' shows fewer than 2 places of the route", "TaskSettings.frames",
                   "ask for another part of it");
   }
+  if (!streets_ && traversal_.goal >= 0 &&
+      (traversal_.goal < static_cast<int>(settings.first_frame()) || traversal_.goal >= static_cast<int>(end)))
+    throw Error("the route " + std::to_string(settings.first_frame()) + ".." + std::to_string(end - 1) +
+                    " is without the goal, place " + std::to_string(traversal_.goal),
+                "TaskSettings.frames", "ask for another part of the traversal");
   settings_ = settings;
   map_ = streets_ ? streets_ : std::make_shared<const StateMap>(static_cast<int>(settings.frames()));
   fields_.emplace(*map_, settings.goal_radius());
@@ -100,14 +105,25 @@ bool Environment::is_unmatched(int place) const {
          traversal_.unmatched[settings_.first_frame() + static_cast<std::size_t>(place)];
 }
 
-/// Draws the state in which an agent begins. A robot begins where it stands.
-int Environment::state_to_begin(AgentState& agent) const {
+/// Draws the state in which an agent begins: where all tasks lead to one place, one that leads there. A robot begins
+/// where it stands.
+int Environment::state_to_begin(AgentState& agent) {
   int drawn;
-  do {
+  for (int tries = 0;; ++tries) {
     drawn = static_cast<int>(agent.random.below(streets_ ? streets_->starts().size() : settings_.frames()));
     if (streets_) drawn = streets_->starts()[static_cast<std::size_t>(drawn)];
-  } while (is_unmatched(drawn));
+    if (!is_unmatched(drawn) && (traversal_.goal < 0 || leads(drawn, on_route(traversal_.goal)))) break;
+    if (traversal_.goal >= 0 && tries == kMaxTries)
+      throw Error("hardly any start leads to place " + std::to_string(traversal_.goal), "--goal-place",
+                  "choose another one, or a lower goal radius");
+  }
   return robot_ ? on_route(robot_->place) : drawn;
+}
+
+/// Returns whether the goal, a place, can be reached from a state that is not there.
+bool Environment::leads(int state, int goal) {
+  const DistanceField distance = fields_->to(goal);
+  return distance.reaches(state) && distance(state) > 0;
 }
 
 int Environment::goal(int agent) const {
@@ -122,15 +138,12 @@ std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
 /// Returns the place to which the robot is sent, or draws one that can be reached and is not where the agent stands.
 int Environment::goal_to_begin(AgentState& agent) {
   if (external_goals_) return on_route(*std::exchange(next_goal_, std::nullopt));
+  if (traversal_.goal >= 0) return on_route(traversal_.goal);
   const int here = map_->place(agent.frame);
-  const auto goes_to = [&](int place) {
-    const DistanceField distance = fields_->to(place);
-    return distance.reaches(agent.frame) && distance(agent.frame) > 0;
-  };
   for (int tries = 0;; ++tries) {
     int drawn = static_cast<int>(agent.random.below(static_cast<std::uint64_t>(map_->places()) - 1));
     if (drawn >= here) ++drawn;
-    if (streets_ ? goes_to(drawn) : !is_unmatched(drawn)) return drawn;
+    if (streets_ ? leads(agent.frame, drawn) : !is_unmatched(drawn)) return drawn;
     if (streets_ && tries == kMaxTries)
       throw Error("finds no goal that can be reached from place " + std::to_string(here),
                   "traversal '" + traversal_.name + "'",
@@ -141,7 +154,11 @@ int Environment::goal_to_begin(AgentState& agent) {
 void Environment::begin_episode(AgentState& agent) {
   agent.previous_action = kNoAction;
   // One observation ends an episode and begins the next at the same place, so both have the same picture.
-  const bool goes_on = agent.flags != 0 && settings_.task_mode() == msg::TRAIN;
+  bool goes_on = agent.flags != 0 && settings_.task_mode() == msg::TRAIN;
+  if (goes_on && traversal_.goal >= 0 && !leads(agent.frame, on_route(traversal_.goal))) {
+    agent.frame = state_to_begin(agent);  // from the goal of all tasks; what ends the episode shows this place
+    goes_on = false;
+  }
   if (external_goals_ && !next_goal_) {
     agent.flags |= msg::FLAG_IDLE;
     if (!goes_on) look(agent);

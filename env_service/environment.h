@@ -92,7 +92,8 @@ class Environment {
  private:
   void begin_episode(AgentState& agent);
   void begin_task(AgentState& agent, int task);
-  int state_to_begin(AgentState& agent) const;
+  int state_to_begin(AgentState& agent);
+  bool leads(int state, int goal);
   int goal_to_begin(AgentState& agent);
   int on_route(int place) const;
   bool is_unmatched(int place) const;

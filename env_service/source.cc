@@ -57,6 +57,13 @@ void add_source_options(CLI::App& app, Source& source, const std::string& group)
       ->excludes(traversal);
 }
 
+void add_goal_option(CLI::App& app, Source& source) {
+  app.add_option("--goal-place", source.goal,
+                 "Place to which all tasks lead: its number, the file of a picture, or LAT,LON or LAT,LON,METRES: the "
+                 "nearest to a position, at most 50 m or so many away. Else goals are drawn")
+      ->type_name("GOAL");
+}
+
 void add_dataset_parameters(CLI::App& app, Source& source) {
   for (const auto* entry : DatasetRegistry::instance().entries())
     add_parameters(app, entry->name, entry->parameters, source.parameters[entry->name]);

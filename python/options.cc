@@ -14,6 +14,7 @@
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/pipeline/learned_files.h"
+#include "env_service/dataset_io/goal_place.h"
 #include "env_service/dataset_io/selection.h"
 #include "policy_service/run/run_options.h"
 #include "python/errors.h"
@@ -68,6 +69,7 @@ void parse(CLI::App& app, const Keywords& keywords) {
 
 void add_recording_options(CLI::App& app, RecordingOptions& options) {
   add_source_options(app, options.source, kGroup);
+  add_goal_option(app, options.source);
   add_selection_options(app, options.source.selection, kGroup);
   add_imperfection_options(app, options.imperfections, kGroup);
   app.add_option("--encoder", options.encoder);
@@ -91,7 +93,7 @@ RecordingOptions read_recording_options(const Keywords& keywords) {
 
 /// Returns whether services announce a recording as `name`, in whatever world.
 bool announced(const std::string& recording, const std::string& name) {
-  return name == name_from(recording) || name == name_in_world(recording, world_of(name));
+  return name == name_from(recording) || without_goal(name) == name_in_world(recording, world_of(name));
 }
 
 /// Returns the options given, and those of the training for what they leave out.
@@ -231,8 +233,8 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
   if (learned.known() && !options.selection_given)
     select_as_taught(*dataset, options.source.selection, learned.traversals.front());
   const std::string name = name_in(*dataset, chosen_traversal(*dataset, options.source));
-  Recording recording{
-      imperfect(select(*dataset, name, options.source.selection), options.imperfections), options.imperfections, {}};
+  Traversal recorded = with_goal(select(*dataset, name, options.source.selection), options.source.goal);
+  Recording recording{imperfect(std::move(recorded), options.imperfections), options.imperfections, {}};
   Traversal& traversal = recording.traversal;
   traversal.name = name_from(traversal.name);
   for (const std::string option : {"encoder", "reference", "dimension"})

@@ -51,6 +51,7 @@ struct Source {
   std::optional<StateRule> rule;                                    ///< --rule: how agents walk; as the frames fit
   std::string traversal = "summer";
   std::string condition;  ///< --condition: the one traversal recorded under it, instead of --traversal
+  std::string goal;       ///< --goal-place: as with_goal() takes it; empty: goals are drawn
   Selection selection;
 };
 
@@ -59,6 +60,8 @@ struct Source {
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group);
 /// Adds these, --traversal and --condition.
 void add_source_options(CLI::App& app, Source& source, const std::string& group);
+/// Adds --goal-place.
+void add_goal_option(CLI::App& app, Source& source);
 /// Adds --DATASET-PARAMETER alone.
 void add_dataset_parameters(CLI::App& app, Source& source);
 /// Adds --frames, --metres, --step, --step-metres, --align-to, --align-by, --align-within and --on-bad-frame.

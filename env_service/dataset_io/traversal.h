@@ -33,6 +33,7 @@ struct Traversal {
   std::vector<bool> unmatched;     ///< F, frames that show another place than a sibling's: no task is there; or empty
   std::shared_ptr<const StreetMap> streets;  ///< in order; null on a line
   StateRule rule = StateRule::kLine;         ///< which states there are, F
+  int goal = -1;                             ///< place to which all tasks lead; -1: it is drawn
   std::string places_from;  ///< what tells where frames are, a file below the folder or "EXIF"; or empty
 
   std::span<const float> feature(int frame) const {

@@ -60,10 +60,11 @@ class Learned(ClearErrors):
         output = cls.folder / agent
         data = as_options({"data": cls.folder})
         services = [subprocess.Popen([BUILD / "env_service/env_service", *as_options(WHERE), *data, "--agents=8",
-                                      "--linger=0", *of]) for of in (["--traversal=day"], ["--traversal=dusk"])]
+                                      "--linger=0", *of]) for of in (["--traversal=day"], ["--traversal=dusk"],
+                                                                     ["--traversal=dusk", "--goal-place=4"])]
         with running(*services, end=signal.SIGTERM):
             subprocess.run([BUILD / "policy_service/policy_service", *as_options(WHERE), f"--agent={agent}", "--steps=3000",
-                            f"--tasks={TASKS}", "--train=day", "--evaluate=day,dusk", "--seed=3", "--wait=60",
+                            f"--tasks={TASKS}", "--train=day", "--evaluate=day,dusk,dusk-goal4", "--seed=3", "--wait=60",
                             f"--output={output}", *(f"--source={one[2:]}" for one in data)],
                            check=True, stdout=subprocess.DEVNULL, timeout=200)
         return json.loads((output / "summary.json").read_text())["evaluate"], next(output.glob("checkpoints/checkpoint-*"))
@@ -76,11 +77,26 @@ class Learned(ClearErrors):
     def test_a_checkpoint_has_the_figures_of_policy_service(self):
         for agent, (expected, checkpoint) in self.learned.items():
             scores = citylearn.evaluate(citylearn.load_policy(checkpoint), traversals=["day", "dusk"], tasks=TASKS, seed=3)
+            for goal in 4, (20 / 111195, 20 / 111195, 5):
+                to_it = citylearn.evaluate(citylearn.load_policy(checkpoint), traversals=["dusk"], tasks=TASKS, seed=3,
+                                           goal_place=goal)
+                self.assertNotEqual(to_it[agent, "dusk-goal4"].shortest_mean, scores[agent, "dusk"].shortest_mean)
+                scores |= to_it
             for (_, traversal), score in scores.items():
                 with self.subTest(agent=agent, traversal=traversal):
                     for name in ("tasks", "completed", "spl", "mean_steps", "reward"):
                         self.assertAlmostEqual(getattr(score, name), expected[traversal][name], 12, name)
         self.assertGreater(expected["day"]["spl"], 0)
+
+    def test_all_episodes_lead_to_one_place(self):
+        for goal, place in (3, 3), ((0, 30 / 111195), 6):
+            env = citylearn.VectorEnv(data=self.folder, traversal="day", agents=4, goal_place=goal)
+            observations, _ = env.reset(seed=1)
+            for _ in range(50):
+                np.testing.assert_array_equal(observations["goal"], place)
+                observations, *_ = env.step(env.action_space.sample())
+        self.expect(ValueError, "goal_place 0.01,0: no place is within 50 m: the nearest, frame 8 at ",
+                    citylearn.VectorEnv, data=self.folder, traversal="day", goal_place=(0.01, 0))
 
     def test_models_walk_likewise_and_place_filter_has_none(self):
         for agent in ("features", "baseline"):

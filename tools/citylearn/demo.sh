@@ -247,7 +247,7 @@ after_demo() {
     *) next "dashboard --store $(printf %q "$store")" "shows this run again" ;;
   esac
   next "again $run --agent $other" "trains another agent on the same recordings"
-  [ "${streets:-}" = yes ] || [ ! -e "$output/checkpoints/best.clk" ] ||   # their agents are not exported
+  [ "${streets:-}" = yes ] || [ ! -e "$output/checkpoints/best.clk" ] ||   # place_filter is not exported there
     next "export --checkpoint $run/checkpoints/best.clk --output agent.onnx" "writes the agent as an ONNX file"
   [ -n "$data" ] || next "demo --data DIR --train A --evaluate B" "does the same with your own recordings"
   [ "$1" = yes ] && [ -t 0 ] && [ -n "${running[dashboard]:-}" ] || return 0
@@ -275,10 +275,10 @@ demo() {
         encoding+=("$1" "$2"); shift 2 ;;
       --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--head=*|--store=*)
         encoding+=("$1"); shift ;;
-      --dropped-frames|--kidnappings|--blurred-frames|--uneven-speed|--recording-seed)
+      --dropped-frames|--kidnappings|--blurred-frames|--uneven-speed|--recording-seed|--goal-place)
         needs "$@"
         world+=("$1" "$2"); shift 2 ;;
-      --dropped-frames=*|--kidnappings=*|--blurred-frames=*|--uneven-speed=*|--recording-seed=*) world+=("$1"); shift ;;
+      --dropped-frames=*|--kidnappings=*|--blurred-frames=*|--uneven-speed=*|--recording-seed=*|--goal-place=*) world+=("$1"); shift ;;
       --rule) needs "$@"; rule=(--rule "$2"); shift 2 ;;
       --rule=*) rule=("$1"); shift ;;
       --align-by|--align-within)

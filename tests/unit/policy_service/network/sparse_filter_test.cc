@@ -277,9 +277,8 @@ TEST(Votes, AreForEachActionThatLeadsNearer) {
 }
 
 TEST(TurnGuard, LetsAnAgentFaceAllHeadingsThenGo) {
-  const StateMap fixed(small_streets(), StateRule::kStreetFixed, 1 << 20);
-  for (const auto& [map, most] : {std::pair{small_states().get(), 4}, std::pair{&fixed, 15}}) {
-    const TurnGuard guard(*map);
+  for (const auto& [rule, most] : {std::pair{StateRule::kStreet, 4}, std::pair{StateRule::kStreetFixed, 15}}) {
+    const TurnGuard guard(StateMap(small_streets(), rule, 1 << 20));
     int turns = TurnGuard::after(7, kNoAction);
     for (int i = 0; i < most; ++i) {
       EXPECT_FALSE(guard.must_go(turns, 0b111));
