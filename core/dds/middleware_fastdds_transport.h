@@ -33,7 +33,8 @@ class UnicastTransport : public fast::transport::ChainingTransport {
   fast::transport::TransportDescriptorInterface* get_configuration() override { return &descriptor_; }
   /// Fast DDS asks this of every address that it may send to, and leaves out those for which it is false.
   bool transform_remote_locator(const Locator& remote, Locator& result) const override {
-    return is_sent_to(remote) && ChainingTransport::transform_remote_locator(remote, result);
+    return is_sent_to(remote) && (ChainingTransport::transform_remote_locator(remote, result) ||
+                                  ChainingTransport::transform_remote_locator(at_loopback(remote), result));
   }
   /// Hands out UDP's own senders. UDP would not know wrapped ones again and open a second one for each interface.
   bool OpenOutputChannel(fast::transport::SendResourceList& senders, const Locator& locator) override {
@@ -45,8 +46,10 @@ class UnicastTransport : public fast::transport::ChainingTransport {
   using Data = const std::vector<fast::transport::NetworkBuffer>&;
   bool transform_remote_locator(const Locator& remote, Locator& result, bool remote_localhost,
                                 bool local_localhost) const override {
-    return is_sent_to(remote) &&
-           ChainingTransport::transform_remote_locator(remote, result, remote_localhost, local_localhost);
+    const auto transforms = [&](const Locator& to) {
+      return ChainingTransport::transform_remote_locator(to, result, remote_localhost, local_localhost);
+    };
+    return is_sent_to(remote) && (transforms(remote) || transforms(at_loopback(remote)));
   }
 #endif
   bool send(fast::rtps::SenderResource* sender, Data data, std::uint32_t size, fast::transport::LocatorsIterator* begin,
@@ -61,6 +64,13 @@ class UnicastTransport : public fast::transport::ChainingTransport {
  private:
   bool is_sent_to(const Locator& remote) const {
     return !fast::rtps::IPLocator::isMulticast(remote) || remote == descriptor_.announced_at;
+  }
+
+  /// Nodes of ROS 2 that stay on this machine (ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST) give the addresses of this
+  /// host's other interfaces, which UDP does not send to from loopback. They listen on loopback too.
+  static Locator at_loopback(Locator remote) {
+    fast::rtps::IPLocator::setIPv4(remote, 127, 0, 0, 1);
+    return remote;
   }
 
   UnicastDescriptor descriptor_;

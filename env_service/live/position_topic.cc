@@ -28,6 +28,9 @@ PositionTopic::PositionTopic(Ros2Participant& ros, std::string topic, PositionSo
     case PositionSource::kPose:
       pose_ = ros.subscribe<geometry_msgs::msg::dds_::PoseStamped_>(topic_, profile);
       break;
+    case PositionSource::kPoseWithCovariance:
+      covariant_ = ros.subscribe<geometry_msgs::msg::dds_::PoseWithCovarianceStamped_>(topic_, profile);
+      break;
     case PositionSource::kFix:
       fix_ = ros.subscribe<sensor_msgs::msg::dds_::NavSatFix_>(topic_, profile);
       break;
@@ -43,11 +46,14 @@ void PositionTopic::take(const std::function<void(const Position&)>& use) {
   };
   for (nav_msgs::msg::dds_::Odometry_ message; odometry_ && odometry_->take(message);) note(message);
   for (geometry_msgs::msg::dds_::PoseStamped_ message; pose_ && pose_->take(message);) note(message);
+  for (geometry_msgs::msg::dds_::PoseWithCovarianceStamped_ message; covariant_ && covariant_->take(message);)
+    note(message);
   for (sensor_msgs::msg::dds_::NavSatFix_ message; fix_ && fix_->take(message);) note(message);
 }
 
 std::string PositionTopic::why_silent() const {
   if (odometry_) return odometry_->why_silent(topic_);
+  if (covariant_) return covariant_->why_silent(topic_);
   return pose_ ? pose_->why_silent(topic_) : fix_->why_silent(topic_);
 }
 

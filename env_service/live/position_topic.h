@@ -35,6 +35,7 @@ class PositionTopic {
   const std::string topic_;
   std::optional<Ros2Subscription<nav_msgs::msg::dds_::Odometry_>> odometry_;
   std::optional<Ros2Subscription<geometry_msgs::msg::dds_::PoseStamped_>> pose_;
+  std::optional<Ros2Subscription<geometry_msgs::msg::dds_::PoseWithCovarianceStamped_>> covariant_;
   std::optional<Ros2Subscription<sensor_msgs::msg::dds_::NavSatFix_>> fix_;
 };
 

@@ -27,7 +27,6 @@ constexpr milliseconds kPollInterval{5};      // between looks at what has come,
 constexpr milliseconds kIdleInterval{100};    // likewise, while nothing is
 constexpr std::chrono::seconds kTroubleDelay{3};
 constexpr std::chrono::seconds kStatusInterval{1};
-constexpr double kMaxPlacesAway = 10;  // times the distance between places, without --off-route
 
 RobotOptions named(RobotOptions options) {
   if (options.topics.position.empty())
@@ -65,6 +64,7 @@ Robot::Robot(const RobotOptions& options, const std::string& name, const Middlew
   if (gaps.empty()) throw Error("all of its places are the same", "traversal '" + taught.name + "'");
   std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2), gaps.end());
   spacing_ = gaps[gaps.size() / 2];
+  senses_.limit_deviation(kMaxPlacesAway * spacing_);
   max_away_ = options_.off_route > 0 ? options_.off_route : kMaxPlacesAway * spacing_;
   ros_.advertise<Twist>(options_.cmd_vel);
   ros_.advertise<Command>(options_.command);

@@ -9,8 +9,10 @@
 namespace citylearn {
 namespace {
 
-const std::map<std::string, PositionSource> kSources = {
-    {"odometry", PositionSource::kOdometry}, {"pose", PositionSource::kPose}, {"fix", PositionSource::kFix}};
+const std::map<std::string, PositionSource> kSources = {{"odometry", PositionSource::kOdometry},
+                                                        {"pose", PositionSource::kPose},
+                                                        {"pose_with_covariance", PositionSource::kPoseWithCovariance},
+                                                        {"fix", PositionSource::kFix}};
 
 }  // namespace
 
@@ -21,9 +23,10 @@ void add_robot_topics(CLI::App& app, RobotTopics& topics, Ros2Options& ros) {
   app.add_option("--position", topics.position, "Topic that says where the robot is")->type_name("TOPIC");
   app.add_option_function<std::string>(
          "--position-type", [&topics](const std::string& name) { topics.source = kSources.at(name); },
-         "Its type: odometry (nav_msgs/Odometry), pose (geometry_msgs/PoseStamped) or fix (sensor_msgs/NavSatFix)")
+         "Its type: odometry (nav_msgs/Odometry), pose (geometry_msgs/PoseStamped), pose_with_covariance "
+         "(PoseWithCovarianceStamped, as of amcl) or fix (sensor_msgs/NavSatFix)")
       ->default_str("odometry")
-      ->check(CLI::IsMember({"odometry", "pose", "fix"}));
+      ->check(CLI::IsMember({"odometry", "pose", "pose_with_covariance", "fix"}));
   add_ros2_options(app, ros);
 }
 

@@ -14,9 +14,10 @@ namespace citylearn {
 
 /// The kind of topic that gives a robot's position.
 enum class PositionSource {
-  kOdometry,  ///< nav_msgs/Odometry: x and y, metres
-  kPose,      ///< geometry_msgs/PoseStamped: likewise
-  kFix,       ///< sensor_msgs/NavSatFix: degrees (WGS 84)
+  kOdometry,            ///< nav_msgs/Odometry: x and y, metres
+  kPose,                ///< geometry_msgs/PoseStamped: likewise
+  kPoseWithCovariance,  ///< geometry_msgs/PoseWithCovarianceStamped: likewise
+  kFix,                 ///< sensor_msgs/NavSatFix: degrees (WGS 84)
 };
 
 /// The topics of ROS 2 on which a robot publishes its pictures and positions.

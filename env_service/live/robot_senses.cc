@@ -74,6 +74,8 @@ void RobotSenses::take(const PositionTopic::Position& position) {
   if (fault.empty() && frame_.empty()) frame_ = position.frame;
   if (fault.empty() && !position.frame.empty() && position.frame != frame_)
     fault = "is in frame '" + position.frame + "', the first in '" + frame_ + "'";
+  if (fault.empty() && position.variance > max_deviation_ * max_deviation_)
+    fault = fmt::format("may be over {:.3g} m off, by its covariance", max_deviation_);
   if (fault.empty() && position_) fault = order_fault(position.stamp, position_->stamp);
   position_faults_.count(fault.empty() ? position.doubt : fault, fault.empty());
   if (fault.empty()) position_ = position;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -13,6 +14,10 @@
 #include "ros2/ros2.h"
 
 namespace citylearn {
+
+/// Times the distance between places: what is farther away is not on the route, and what may be farther off by its
+/// covariance is not a position.
+inline constexpr double kMaxPlacesAway = 10;
 
 /// Counts what is wrong with the messages of a topic, and logs each fault when it comes first.
 class MessageFaults {
@@ -46,6 +51,8 @@ class RobotSenses {
   /// `ros` must outlive it. Throws Error when a topic is not one.
   RobotSenses(Ros2Participant& ros, const RobotTopics& topics);
 
+  /// Lets positions whose standard deviation is greater be refused.
+  void limit_deviation(double metres) { max_deviation_ = metres; }
   /// Takes what has come.
   void poll();
   /// Returns whether what has this stamp was taken after what has the other one. One that is several seconds older is
@@ -80,7 +87,8 @@ class RobotSenses {
   std::optional<Picture> picture_;
   std::optional<PositionTopic::Position> position_;
   MessageFaults picture_faults_, position_faults_;
-  std::string frame_;  // of positions
+  std::string frame_;                                               // of positions
+  double max_deviation_ = std::numeric_limits<double>::infinity();  // metres
   Compressed compressed_message_;
   Raw raw_message_;
 };

@@ -28,12 +28,23 @@ std::string fault_of(double x, double y, bool degrees) {
   return std::hypot(x, y) < kNullIsland ? kAtNullIsland : "";
 }
 
+/// Returns the greater of two variances; 0 where senders do not know them: they then give zeros, -1 or NaN.
+double known_variance(double x, double y) { return x >= 0 && y >= 0 ? std::max(x, y) : 0; }
+
 SensedPosition checked(const std_msgs::msg::dds_::Header_& header, double x, double y, double variance, bool degrees) {
-  SensedPosition position{ros2_time(header), x, y};
+  SensedPosition position{ros2_time(header), x, y, variance};
   position.fault = fault_of(x, y, degrees);
   if (!degrees) position.frame = one_line(header.frame_id().substr(header.frame_id().starts_with("/") ? 1 : 0, 40));
   if (variance > kMaxVariance) position.doubt = "may be 10 m off or more, by its covariance";
   return position;
+}
+
+/// Returns the position of an Odometry or a PoseWithCovarianceStamped.
+template <class Message>
+SensedPosition with_covariance(const Message& message) {
+  const auto& position = message.pose().pose().position();
+  const auto& covariance = message.pose().covariance();
+  return checked(message.header(), position.x(), position.y(), known_variance(covariance[0], covariance[7]), false);
 }
 
 }  // namespace
@@ -56,9 +67,10 @@ std::string read_picture(const sensor_msgs::msg::dds_::CompressedImage_& image, 
   return picture_fault(image);
 }
 
-SensedPosition position_of(const nav_msgs::msg::dds_::Odometry_& message) {
-  return checked(message.header(), message.pose().pose().position().x(), message.pose().pose().position().y(),
-                 std::max(message.pose().covariance()[0], message.pose().covariance()[7]), false);
+SensedPosition position_of(const nav_msgs::msg::dds_::Odometry_& message) { return with_covariance(message); }
+
+SensedPosition position_of(const geometry_msgs::msg::dds_::PoseWithCovarianceStamped_& message) {
+  return with_covariance(message);
 }
 
 SensedPosition position_of(const geometry_msgs::msg::dds_::PoseStamped_& message) {
@@ -66,8 +78,10 @@ SensedPosition position_of(const geometry_msgs::msg::dds_::PoseStamped_& message
 }
 
 SensedPosition position_of(const sensor_msgs::msg::dds_::NavSatFix_& message) {
+  const auto& covariance = message.position_covariance();
+  const bool told = message.position_covariance_type() != 0;  // COVARIANCE_TYPE_UNKNOWN
   SensedPosition position = checked(message.header(), message.latitude(), message.longitude(),
-                                    std::max(message.position_covariance()[0], message.position_covariance()[4]), true);
+                                    told ? known_variance(covariance[0], covariance[4]) : 0, true);
   if (static_cast<std::int8_t>(message.status().status()) < 0) position.fault = "has no fix";  // STATUS_NO_FIX is -1
   return position;
 }

@@ -25,12 +25,14 @@ inline const std::string kAtNullIsland = "is at 0,0, where receivers without a f
 struct SensedPosition {
   std::uint64_t stamp = 0;  ///< nanoseconds by the sender's clock; 0: not told
   double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
+  double variance = 0;      ///< of the worse of both, square metres; 0: not known
   std::string frame = {};   ///< in which metres are, as "map"; may be empty
   std::string fault = {};   ///< why it is not a position: it "has no fix"; empty: it is one
   std::string doubt = {};   ///< what else is wrong with it: it "has no stamp"
 };
 SensedPosition position_of(const nav_msgs::msg::dds_::Odometry_& message);
 SensedPosition position_of(const geometry_msgs::msg::dds_::PoseStamped_& message);
+SensedPosition position_of(const geometry_msgs::msg::dds_::PoseWithCovarianceStamped_& message);
 SensedPosition position_of(const sensor_msgs::msg::dds_::NavSatFix_& message);
 
 }  // namespace citylearn

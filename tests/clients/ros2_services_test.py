@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services of our nodes, as ROS 2 Jazzy itself finds and calls them: rclpy over rmw_fastrtps."""
 
-import atexit
 import json
 import os
 import subprocess
@@ -15,23 +14,7 @@ from support import BUILD
 from actors import as_options, running
 from domain import own_domain
 
-# Fast DDS as our tests want it: loopback alone, no multicast. (With LOCALHOST nodes name this host's other addresses.)
-PROFILE = """<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <transport_descriptors><transport_descriptor><transport_id>lo</transport_id><type>UDPv4</type>
-    <maxInitialPeersRange>32</maxInitialPeersRange>
-    <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList></transport_descriptor></transport_descriptors>
-  <participant profile_name="lo" is_default_profile="true"><rtps><useBuiltinTransports>false</useBuiltinTransports>
-    <userTransports><transport_id>lo</transport_id></userTransports>
-    <builtin><metatrafficUnicastLocatorList><locator><udpv4><address>127.0.0.1</address></udpv4></locator>
-      </metatrafficUnicastLocatorList>
-      <initialPeersList><locator><udpv4><address>127.0.0.1</address></udpv4></locator></initialPeersList></builtin>
-  </rtps></participant></profiles>"""
-FILE = tempfile.NamedTemporaryFile(prefix="citylearn-", suffix=".xml")
-FILE.write(PROFILE.encode())
-FILE.flush()
-atexit.register(FILE.close)
-os.environ.update({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
-                   "FASTRTPS_DEFAULT_PROFILES_FILE": FILE.name, "FASTDDS_DEFAULT_PROFILES_FILE": FILE.name})
+os.environ.update({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"})
 import rclpy  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.srv import GetPlan  # noqa: E402

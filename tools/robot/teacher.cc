@@ -57,6 +57,7 @@ Teacher::Teacher(const TeachOptions& options, Ros2Participant& ros)
       pictures_(fresh(options, "")),
       poses_path_(fresh(options, ".poses.csv")) {
   create_folder(pictures_);
+  senses_.limit_deviation(kMaxPlacesAway * options.spacing);
 }
 
 Teacher::~Teacher() {

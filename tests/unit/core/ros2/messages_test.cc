@@ -39,6 +39,19 @@ TEST(Ros2Messages, WhatIsWrittenIsRead) {
   EXPECT_EQ(again, odometry);
 }
 
+TEST(Ros2Messages, SequencesOfMessagesGrowWithWhatIsThere) {
+  nav_msgs::srv::dds_::GetPlan_Response_ plan, read;
+  for (const char* frame : {"a", "map"}) plan.plan().poses().emplace_back().header().frame_id(frame);
+  Bytes bytes;
+  encode_ros2(plan, bytes);
+  EXPECT_EQ(bytes.size(), 4u + 20 + (8 + 6 + 6 + 56) + (8 + 8 + 56)) << "6: before numbers of 8 bytes";
+  ASSERT_TRUE(decode_ros2(bytes, read));
+  EXPECT_EQ(read, plan);
+  bytes[4 + 16] = std::byte{100};  // the length: as many bytes would be there, but not as many poses
+  EXPECT_FALSE(decode_ros2(bytes, read));
+  EXPECT_LE(read.plan().poses().size(), 3u);
+}
+
 TEST(Ros2Messages, ACutMessageIsRefusedWithoutAllocatingWhatItClaims) {
   Bytes bytes;
   encode_ros2(picture(), bytes);

@@ -279,6 +279,51 @@ TEST_F(RobotTest, OdometryIsCheckedLikewise) {
   EXPECT_EQ(came[1].doubt, "may be 10 m off or more, by its covariance");
 }
 
+// Places are 2 m apart: a standard deviation of over 20 m says that it is nowhere.
+TEST_F(LookingRobot, PositionsThatSayThatTheyAreUselessAreNotUsed) {
+  const Log log;
+  Ros2Participant receiver(ros_, "receiver", nullptr);
+  RobotTopics topics = options().topics;
+  topics.source = PositionSource::kPoseWithCovariance;
+  topics.position = "/amcl_pose";
+  RobotSenses senses(receiver, topics);
+  senses.limit_deviation(20);
+  auto used = [&, seconds = 0.0](double x, double y) mutable {
+    geometry_msgs::msg::dds_::PoseWithCovarianceStamped_ pose;
+    stamp(pose.header(), ++seconds);
+    pose.pose().covariance()[0] = x;
+    pose.pose().covariance()[7] = y;
+    world_.publish("/amcl_pose", pose);
+    senses.poll();
+    return senses.position() && senses.position()->stamp == static_cast<std::uint64_t>(1e9 * seconds);
+  };
+  EXPECT_TRUE(used(0, 0)) << "it is not known";
+  EXPECT_TRUE(used(-1, 500)) << "likewise";
+  EXPECT_TRUE(used(500, kNan)) << "likewise";
+  EXPECT_TRUE(used(400, 99));
+  EXPECT_FALSE(used(401, 0));
+  EXPECT_FALSE(used(0, kInfinite));
+  EXPECT_TRUE(used(1, 1));
+  EXPECT_EQ(
+      senses.position_faults().text(),
+      "/amcl_pose may be 10 m off or more, by its covariance (1 message), may be over 20 m off, by its covariance "
+      "(2 messages)");
+  EXPECT_EQ(occurrences(log.text(), "/amcl_pose: a message is not used: it may be over 20 m off, by its covariance"),
+            1);
+
+  nav_msgs::msg::dds_::Odometry_ odometry;
+  Fix fix;
+  fix.latitude(45);
+  odometry.pose().covariance()[7] = fix.position_covariance()[4] = 401;
+  EXPECT_EQ(position_of(odometry).variance, 401);
+  EXPECT_EQ(position_of(fix).variance, 0) << "its covariance is of type 0, not known";
+  fix.position_covariance_type(2);
+  EXPECT_EQ(position_of(fix).variance, 401);
+
+  send(1, 4);  // what has no covariance
+  EXPECT_TRUE(seen_by(robot));
+}
+
 TEST_F(LookingRobot, PositionsOfAnotherFrameOrTimeAreNotUsed) {
   const Log log;
   send_picture(10, file_);
