@@ -26,7 +26,8 @@ for definition in sorted(definitions.glob("*/*.msg")):
     for kind, name, size in re.findall(r"typedef (\w+) (\w+)\[(\d+)\];", text):
         text = re.sub(rf"typedef {kind} {name}\[{size}\];", "", text)
         text = re.sub(rf"\b{name} (\w+);", rf"{kind} \1[{size}];", text)
-    file.write_text(text)
+    guard = f"{definition.parent.name}_{definition.stem}_idl"  # one file may include another by several ways
+    file.write_text(f"#ifndef {guard}\n#define {guard}\n{text}\n#endif\n")
     files.append(file)
 for file in files:
     subprocess.run([idlc, "-Wno-implicit-extensibility", "-I", output, "-o", file.parent, file], check=True)

@@ -95,25 +95,6 @@ TEST(Inspection, SaysWhereARecordingMeetsItself) {
   EXPECT_TRUE(notes().empty());
 }
 
-TEST(Inspection, SaysWhereARecordingMeetsItself) {
-  // Round a square of 40 m with a frame every 10 m; frames 16 and 17 are where 0 and 1 were, (3, 0) and (13, 0).
-  const Folder folder;
-  make_file(
-      folder / "day.poses.csv",
-      "x,y\n3,0\n13,0\n23,0\n33,0\n40,3\n40,13\n40,23\n40,33\n37,40\n27,40\n17,40\n7,40\n0,37\n0,27\n0,17\n0,7\n3,0\n"
-      "13,0\n");
-  std::string rows;
-  for (int row = 0; row < 18; ++row) rows += std::to_string(row) + ",1\n";
-  make_file(folder / "day.csv", rows);
-  const auto notes = [&] { return inspect(*make_dataset("plain", folder.path()), folder.path(), kOn).notes; };
-  ASSERT_EQ(notes().size(), 2u);
-  EXPECT_TRUE(notes()[0].starts_with(
-      "day: streets: places 16, links 16, junctions 0, dead ends 0, one-way links 16; frames left out: 2, of which 0"));
-  EXPECT_EQ(notes()[1], "day: streets: frames 16 to 17 run along frames 0 to 1 (28 degrees)");  // atan(7 / 13)
-  make_file(folder / "day.poses.csv", "x,y\n0,0\n10,0\n20,0\n");
-  EXPECT_TRUE(notes().empty());
-}
-
 TEST(Inspection, ListsWhatIsNotTaken) {
   const Folder folder;
   write_drives(folder);
