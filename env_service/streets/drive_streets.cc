@@ -4,8 +4,6 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
-#include <boost/graph/compressed_sparse_row_graph.hpp>
-#include <boost/graph/strong_components.hpp>
 #include <cmath>
 #include <complex>
 #include <cstdlib>
@@ -16,6 +14,7 @@
 
 #include "core/util/error.h"
 #include "env_service/geometry/plane.h"
+#include "env_service/streets/street_graph.h"
 
 namespace citylearn {
 namespace {
@@ -205,16 +204,10 @@ class DriveReader {
       }
       seen = i;
     }
-    using Graph = boost::compressed_sparse_row_graph<boost::directedS>;
     std::vector<std::pair<int, int>> ends;
     for (const auto& link : links) ends.push_back(link.first);
-    const Graph graph(boost::edges_are_sorted, ends.begin(), ends.end(), steps_.size());
-    std::vector<std::size_t> parts(steps_.size()), sizes(steps_.size());
-    boost::strong_components(graph,
-                             boost::make_iterator_property_map(parts.begin(), boost::get(boost::vertex_index, graph)));
-    for (const std::size_t part : parts) ++sizes[part];
-    const auto largest = static_cast<std::size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
-    const auto kept = [&](int at) { return parts[static_cast<std::size_t>(at)] == largest; };
+    const std::vector<bool> strong = largest_strong_part(steps_.size(), ends);
+    const auto kept = [&](int at) { return strong[static_cast<std::size_t>(at)]; };
     std::vector<int> index(steps_.size(), -1), shown;
     StreetMap& map = streets_.map;
     for (int i = 0; i < count(); ++i) {

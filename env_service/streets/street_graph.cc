@@ -237,14 +237,10 @@ StreetMap StreetGraph::map(std::vector<std::uint32_t>& rows) const {
   return map;
 }
 
-std::vector<bool> StreetGraph::strong_places(const std::function<bool(int line)>& use) const {
+std::vector<bool> largest_strong_part(std::size_t places, const std::vector<std::pair<int, int>>& links) {
   using Graph = boost::compressed_sparse_row_graph<boost::directedS>;
-  std::vector<std::pair<std::size_t, std::size_t>> ends;
-  for (std::size_t from = 0; from < places_.size(); ++from)
-    for (const StreetLink& link : places_[from].links)
-      if (use(link.line)) ends.emplace_back(from, static_cast<std::size_t>(link.to));
-  std::vector<std::size_t> parts(places_.size()), sizes(places_.size() + 1);
-  const Graph graph(boost::edges_are_unsorted_multi_pass, ends.begin(), ends.end(), places_.size());
+  const Graph graph(boost::edges_are_unsorted_multi_pass, links.begin(), links.end(), places);
+  std::vector<std::size_t> parts(places), sizes(places + 1);
   boost::strong_components(graph,
                            boost::make_iterator_property_map(parts.begin(), boost::get(boost::vertex_index, graph)));
   for (const std::size_t part : parts) ++sizes[part];
@@ -252,6 +248,14 @@ std::vector<bool> StreetGraph::strong_places(const std::function<bool(int line)>
   std::vector<bool> strong;
   for (const std::size_t part : parts) strong.push_back(part == largest);
   return strong;
+}
+
+std::vector<bool> StreetGraph::strong_places(const std::function<bool(int line)>& use) const {
+  std::vector<std::pair<int, int>> ends;
+  for (std::size_t from = 0; from < places_.size(); ++from)
+    for (const StreetLink& link : places_[from].links)
+      if (use(link.line)) ends.emplace_back(static_cast<int>(from), link.to);
+  return largest_strong_part(places_.size(), ends);
 }
 
 StreetGraph StreetGraph::strong_part(std::vector<bool>& kept) const {

@@ -6,6 +6,7 @@
 #include <string>
 #include <string_view>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "core/task/street_map.h"
@@ -29,6 +30,9 @@ struct StreetStep {
   int place = 0;
   double heading = 0;
 };
+
+/// Returns which of so many places are in the largest part in which each can be reached from each other one.
+std::vector<bool> largest_strong_part(std::size_t places, const std::vector<std::pair<int, int>>& links);
 
 /// Places and the directed links between them, as a map of streets has them.
 class StreetGraph {
