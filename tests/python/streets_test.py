@@ -197,7 +197,10 @@ class Streets(ClearErrors):
 
     def test_a_person_walks_by_the_arrow_keys(self):
         with running(*actors.env_services(1, 1, "day", {"data": self.data}), end=signal.SIGTERM):
-            pid, terminal = pty.fork()
+            try:
+                pid, terminal = pty.fork()
+            except OSError:
+                self.skipTest("there are no terminals here")
             if pid == 0:
                 os.environ.update(TERM="xterm", PYTHONPATH=str(BUILD / "python"))
                 os.execv(sys.executable, [sys.executable, "-B", str(SOURCE / "python/examples/walk.py"), "traversal=day",
