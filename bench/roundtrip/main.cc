@@ -127,7 +127,7 @@ void answer_udp(const Settings& settings) {
 std::vector<double> ask_udp(const Settings& settings) {
   const int handle = open_socket(settings, true);
   Bytes question(size_of(make_observation(settings))), answer(size_of(make_action(settings)));
-  const auto times = time_trips(
+  auto times = time_trips(
       settings.trips,
       [&](std::uint32_t number) {
         set_number(question, number);
