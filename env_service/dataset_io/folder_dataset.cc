@@ -65,7 +65,7 @@ const StreetCoverage& FolderDataset::coverage() {
 void FolderDataset::show_links(Traversal& traversal) {
   if (rule_ != StateRule::kStreet)
     throw Error("a map of OpenStreetMap is walked along its links", "--rule", "take street");
-  spdlog::info(osm_->description()[0]);
+  spdlog::info(osm_->about());
   spdlog::info(coverage().summary);
   const auto shown = coverage().frames.find(traversal.name);
   if (shown == coverage().frames.end())

@@ -60,6 +60,7 @@ class StreetGraph {
   StreetGraph strong_part(std::vector<bool>& kept) const;
   std::size_t links() const { return links_; }
   const std::string& where() const { return where_; }  ///< the file or key that has the links
+  const std::string& about() const { return about_; }  ///< a line for a person: what was read; or empty
   const std::vector<StreetPlace>& places() const { return places_; }
   /// Returns the map in order, places by their indices, in metres from the first one; and in `rows` which link each
   /// was, in the order in which they were read. Throws Error that names a link to a place that cannot be left.
@@ -91,7 +92,7 @@ class StreetGraph {
   std::unordered_map<std::string, int> index_;  // of places_, by id
   std::size_t links_ = 0;
   std::string where_;  // the links are
-  std::string about_;  // a line for a person: what was read, and what was left out; or empty
+  std::string about_;  // with what was left out
 };
 
 /// Returns the picture within a panorama of StreetLearn as it is published, part of `panorama`. Throws Error naming
