@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/alignment.h"
@@ -64,13 +65,10 @@ std::vector<int> cut(const Traversal& traversal, const Selection& selection) {
   return frames;
 }
 
-/// Returns the frames of `traversal` at the places of those cut out of its sibling. Sets `unmatched` where some have
-/// none.
-std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Selection& selection,
-                         std::vector<bool>& unmatched) {
-  if (selection.align == traversal.name) throw Error("is the traversal itself", "--align-to", "name a sibling");
-  const Traversal sibling = dataset.load(selection.align);
-  const std::vector<int> frames = cut(sibling, selection);
+/// Returns the frames of `traversal` at the places of `frames`, those cut out of its sibling. Sets `unmatched` where
+/// some have none.
+std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Traversal& sibling,
+                         const std::vector<int>& frames, const Selection& selection, std::vector<bool>& unmatched) {
   Correspondence by = traversal.streets ? Correspondence::kIndex : dataset.correspondence();
   if (selection.by == "index") {
     by = Correspondence::kIndex;
@@ -137,21 +135,16 @@ std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames,
   return frames;
 }
 
-/// Makes the frames those of the states of the streets that the recording has run through; or of those of its sibling,
-/// where it is aligned to one, so that both walk on one map.
-void walk_on_streets(Dataset& dataset, Traversal& traversal, const Selection& selection) {
-  const std::string name = selection.align.empty() ? traversal.name : selection.align;
-  if (dataset.rule() != StateRule::kStreet)
-    throw Error("traversal '" + name + "' has no map of streets, and was seen in the direction of the drive alone",
-                "--rule", "give --rule street, or leave it out");
-  Traversal sibling;
-  if (!selection.align.empty()) {
-    sibling = dataset.load(selection.align);
-    sibling.keep(cut(sibling, selection));
-  }
-  DriveStreets streets = streets_driven(selection.align.empty() ? traversal : sibling, "traversal '" + name + "'");
-  spdlog::info("{}: {}", name, streets.description().front());
-  show_streets(traversal, std::move(streets));
+/// Makes the frames those of the links of the streets that a recording has run through: the traversal itself, or its
+/// sibling, where it is aligned to one, so that both walk on one map.
+void walk_on_streets(Traversal& traversal, const Traversal& driven, std::optional<StateRule> rule) {
+  if (rule != StateRule::kStreet)
+    throw Error(
+        "traversal '" + driven.name + "' has no map of streets, and was seen in the direction of the drive alone",
+        "--rule", "give --rule street, or leave it out");
+  DriveStreets streets = streets_driven(driven, "traversal '" + driven.name + "'");
+  spdlog::info("{}: {}", driven.name, streets.description().front());
+  show_along_links(traversal, std::make_shared<const StreetMap>(std::move(streets.map)), streets.shown);
 }
 
 }  // namespace
@@ -160,8 +153,16 @@ Traversal select(Dataset& dataset, const std::string& name, const Selection& sel
   check(selection);
   Traversal traversal = dataset.load(name);
   std::vector<bool> unmatched;
-  const std::vector<int> frames =
-      selection.align.empty() ? cut(traversal, selection) : aligned(dataset, traversal, selection, unmatched);
+  std::optional<Traversal> sibling;
+  std::vector<int> frames, places;  // places: the frames of the sibling
+  if (selection.align.empty()) {
+    frames = cut(traversal, selection);
+  } else {
+    if (selection.align == traversal.name) throw Error("is the traversal itself", "--align-to", "name a sibling");
+    sibling = dataset.load(selection.align);
+    places = cut(*sibling, selection);
+    frames = aligned(dataset, traversal, *sibling, places, selection, unmatched);
+  }
   std::vector<int> all(static_cast<std::size_t>(traversal.frames));
   std::iota(all.begin(), all.end(), 0);
   if (traversal.streets && frames != all)
@@ -173,7 +174,10 @@ Traversal select(Dataset& dataset, const std::string& name, const Selection& sel
   }
   if (frames != all) traversal.keep(frames);
   traversal.unmatched = std::move(unmatched);
-  if (dataset.on_streets() && !traversal.streets) walk_on_streets(dataset, traversal, selection);
+  if (dataset.on_streets() && !traversal.streets) {
+    if (sibling) sibling->keep(places);
+    walk_on_streets(traversal, sibling ? *sibling : traversal, dataset.rule());
+  }
   return traversal;
 }
 

@@ -18,7 +18,7 @@
 namespace citylearn {
 namespace {
 
-constexpr double kReceiver = 5;  ///< metres by which receivers err
+constexpr double kReceiver = 5;  // metres by which receivers err
 
 }  // namespace
 
@@ -81,7 +81,7 @@ DriveStreets streets_driven(const Traversal& recording, const std::string& where
     // A sphere laid flat at the first known place is right enough where the drive meets itself.
     drive.receiver = kReceiver;
     drive.east = drive.north = recording.latitude;
-    double latitude = std::numeric_limits<float>::quiet_NaN(), longitude = std::numeric_limits<float>::quiet_NaN();
+    double latitude = std::nan(""), longitude = std::nan("");
     for (std::size_t i = 0; i < recording.latitude.size(); ++i) {
       if (std::isnan(longitude)) latitude = recording.latitude[i], longitude = recording.longitude[i];
       drive.east[i] = kEarthRadius * kDegree * std::cos(latitude * kDegree) *
@@ -94,13 +94,13 @@ DriveStreets streets_driven(const Traversal& recording, const std::string& where
   return streets_of(drive, where);
 }
 
-void show_streets(Traversal& traversal, DriveStreets streets) {
-  if (traversal.images) traversal.images = picked(traversal.images, streets.shown);
-  traversal.keep(streets.shown);
-  traversal.positions.assign(streets.shown.size(), std::numeric_limits<float>::quiet_NaN());
+void show_along_links(Traversal& traversal, std::shared_ptr<const StreetMap> map, const std::vector<int>& shown) {
+  if (traversal.images) traversal.images = picked(traversal.images, shown);
+  traversal.keep(shown);
+  traversal.positions.assign(shown.size(), std::numeric_limits<float>::quiet_NaN());
   traversal.times.clear();
   traversal.rule = StateRule::kStreet;
-  traversal.streets = std::make_shared<const StreetMap>(std::move(streets.map));
+  traversal.streets = std::move(map);
 }
 
 }  // namespace citylearn

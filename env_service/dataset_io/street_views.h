@@ -25,7 +25,8 @@ void show_states(Traversal& traversal, const StreetGraph& graph, std::optional<S
 /// Returns the streets that a recording has run through. Throws Error naming `where` when it has none (streets_of()).
 DriveStreets streets_driven(const Traversal& recording, const std::string& where);
 
-/// Makes the frames of a recording those of the states of these streets.
-void show_streets(Traversal& traversal, DriveStreets streets);
+/// Makes the frames of a recording those of the links of a map, which are the states of rule street. `shown`: of each
+/// link, in the order of the map.
+void show_along_links(Traversal& traversal, std::shared_ptr<const StreetMap> map, const std::vector<int>& shown);
 
 }  // namespace citylearn

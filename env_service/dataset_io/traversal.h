@@ -41,7 +41,7 @@ struct Traversal {
   }
   /// Returns the states of its streets; null on a line. Throws Error unless it has a frame for each.
   std::shared_ptr<const StateMap> states() const;
-  /// Keeps `kept`, in that order, of the frames; indices may repeat. Leaves images as they are and takes no turns.
+  /// Keeps `kept`, in that order, of the frames; indices may repeat. Leaves images as they are.
   void keep(const std::vector<int>& kept);
   /// Returns the first 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and streets
   /// with their rule, without the name.

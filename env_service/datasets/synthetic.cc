@@ -2,15 +2,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <memory>
 
 #include "core/util/random.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
+#include "env_service/dataset_io/street_views.h"
 #include "env_service/drawn_city/drawn_images.h"
-#include "env_service/images/image_sources.h"
 
 // The same bits on every machine: whole-number random lanes, + - * / and square roots, which IEEE 754 rounds in one
 // way, and no fused multiply-add (this file is compiled with -ffp-contract=off). Nothing of libm but sqrt.
@@ -222,12 +221,7 @@ class Synthetic : public Dataset {
     if (rule_ != StateRule::kStreet) throw Error("the drawn city is seen along its links", "--rule", "take street");
     auto map = std::make_shared<StreetMap>(grid(images_ ? spacing_ : kFeatureSpacing));
     const std::vector<std::uint32_t> drive = map->put_in_order();
-    const std::vector<int> shown(drive.begin(), drive.end());
-    if (traversal.images) traversal.images = picked(traversal.images, shown);
-    traversal.keep(shown);
-    traversal.positions.assign(shown.size(), std::numeric_limits<float>::quiet_NaN());
-    traversal.streets = std::move(map);
-    traversal.rule = StateRule::kStreet;
+    show_along_links(traversal, std::move(map), {drive.begin(), drive.end()});
   }
 
   Traversal draw(const std::string& name) const {
