@@ -47,7 +47,8 @@ std::vector<std::string> meetings_of(const DriveStreets& streets) {
   return lines;
 }
 
-/// Returns the frame that is shown where one faces from the place of one frame to that of another; -1: there is no way.
+/// Returns the frame that is shown where one faces from the place of one frame to that of another; -1 where no link
+/// leads there.
 int shown(const DriveStreets& streets, std::size_t from, std::size_t to) {
   for (std::size_t link = 0; link < streets.map.links(); ++link)
     if (static_cast<int>(streets.map.from[link]) == streets.places.at(from) &&
