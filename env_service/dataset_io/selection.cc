@@ -90,7 +90,7 @@ std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Tra
     spdlog::info(alignment.summary);
     unmatched = alignment.unmatched;
   }
-  const std::vector<int> found =
+  std::vector<int> found =
       by == Correspondence::kSight ? alignment.found
       : by == Correspondence::kGps ? align_by_gps(sibling, frames, traversal, selection.tolerance)
       : by == Correspondence::kMatches
