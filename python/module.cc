@@ -388,7 +388,6 @@ PYBIND11_MODULE(_native, module) {
   py::register_exception_translator(&translate);
   define_environments(module);
   define_evaluation(module);
-  define_trajectories(module);
 }
 
 }  // namespace citylearn::python

@@ -26,7 +26,4 @@ void check_signals();
 /// services that this process is gone.
 void keep_participants_of_forked();
 
-/// Adds what citylearn/trajectories.py needs.
-void define_trajectories(pybind11::module_& module);
-
 }  // namespace citylearn::python

@@ -16,14 +16,11 @@
 #include "encoder_service/pipeline/learned_files.h"
 #include "env_service/dataset_io/goal_place.h"
 #include "env_service/dataset_io/selection.h"
-#include "policy_service/run/run_options.h"
 #include "python/errors.h"
 #include "tools/lab/descriptors.h"
 
 namespace citylearn::python {
 namespace {
-
-constexpr std::uint64_t kUnlimitedSteps = 1'000'000'000'000;  // steps, the most that a trainer takes
 
 const std::string kGroup = "Options";  // one without a name hides options' names in messages
 
@@ -261,37 +258,6 @@ NodeOptions read_node_options(const Keywords& keywords) {
   add_node_options(app, options);
   parse(app, keywords);
   return options;
-}
-
-PolicyServiceOptions read_learner_options(const Keywords& keywords) {
-  PolicyServiceOptions options;
-  options.node.service = "policy_service";
-  options.node.id = "policy";  // the service's own default, so that each may resume the other's run
-  options.role = "learner";
-  options.learner = "python";
-  options.threads = 1;  // the actors act, and Python learns
-  options.wait = 30;
-  CLI::App app;
-  app.add_option("--agent", options.agent);
-  app.add_option("--seed", options.seed);
-  app.add_option("--output", options.output);
-  app.add_flag("--resume", options.resume);
-  app.add_flag("--overwrite", options.overwrite);
-  app.add_option("--initial", options.initial_checkpoint);
-  add_task_options(app, options);
-  add_learner_options(app, options);
-  add_length_options(app, options);
-  add_node_options(app, options.node);
-  add_metrics_option(app, options.node);
-  const auto agent = keywords.find("agent");
-  const auto& network =
-      NetworkRegistry<float>::instance().find("agent", agent == keywords.end() ? options.agent : agent->second);
-  add_parameters(app, network.name, network.parameters, options.network_parameters);
-  add_parameters(app, "trainer", Trainer::parameter_specs(), options.trainer_parameters);
-  parse(app, keywords);
-  if (options.steps == 0 && !options.trainer_parameters.contains("steps")) options.steps = kUnlimitedSteps;
-  options.configuration = option_values(app, 0, nullptr);
-  return checked_options(options);
 }
 
 std::vector<std::string> recording_options() {

@@ -10,7 +10,6 @@
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
 #include "policy_service/network/training_data.h"
-#include "policy_service/records/policy_service_options.h"
 
 namespace citylearn::python {
 
@@ -31,10 +30,6 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned =
 
 /// Reads the options that every service has (add_node_options). Throws UnknownOption or Error.
 NodeOptions read_node_options(const Keywords& keywords);
-
-/// Reads the options of a policy_service --role learner that learns in Python. `steps` are without end unless given.
-/// Throws UnknownOption; Error naming the option.
-PolicyServiceOptions read_learner_options(const Keywords& keywords);
 
 /// Return the names that the first two know.
 std::vector<std::string> recording_options();

@@ -188,22 +188,14 @@ void LearnerServer::acknowledge(const std::string& actor) {
 }
 
 bool LearnerServer::ready() {
-  return assembled_ || queue_.ready(trainer_.batch(), version(), static_cast<std::uint32_t>(trainer_.progress().lesson),
-                                    options_.max_lag);
-}
-
-const Rollout& LearnerServer::batch() {
-  if (!std::exchange(assembled_, true)) {
-    trainer_.describe(info_);
-    policy_lag_ = queue_.assemble(trainer_.batch(), version(), static_cast<int>(info_.lesson_frames()), rollout_);
-    trainer_.prepare(rollout_);
-  }
-  return rollout_;
+  return queue_.ready(trainer_.batch(), version(), static_cast<std::uint32_t>(trainer_.progress().lesson),
+                      options_.max_lag);
 }
 
 UpdateFigures LearnerServer::learn() {
-  batch();
-  assembled_ = false;
+  trainer_.describe(info_);
+  policy_lag_ = queue_.assemble(trainer_.batch(), version(), static_cast<int>(info_.lesson_frames()), rollout_);
+  trainer_.prepare(rollout_);
   Rollout* const rollout = &rollout_;
   const UpdateFigures figures = heartbeat_.run([&] { return trainer_.learn({&rollout, 1}, queue_.finished()); });
   send_parameters();

@@ -36,9 +36,6 @@ class LearnerServer {
   void handle();
   /// Returns whether there are enough trajectories for an update.
   bool ready();
-  /// Returns what learn() will learn from, the same until then, so that a program may compute the update beside
-  /// handle(). Requires ready().
-  const Rollout& batch();
   /// Learns from the oldest trajectories and sends the actors the new parameters. Requires ready().
   UpdateFigures learn();
   /// Tells the actors that training is over, so that they release their env_services.
@@ -80,7 +77,6 @@ class LearnerServer {
   LearnerServerOptions options_;
   TrajectoryQueue queue_;
   Rollout rollout_;
-  bool assembled_ = false;  ///< rollout_ is the batch
   double policy_lag_ = 0;
   msg::LearnerInfo info_;
   Assignments assignments_;

@@ -19,7 +19,6 @@ std::chrono::milliseconds ProgressBar::interval() const {
 ProgressBar::ProgressBar() : terminal_(isatty(STDERR_FILENO) == 1 && !is_json_log()) { finish(); }
 
 void ProgressBar::show(const std::string& what, double fraction, double rate, double left, const std::string& note) {
-  if (hidden_) return;
   const Clock::time_point now = Clock::now();
   fraction = std::clamp(fraction, 0.0, 1.0);
   if (now < next_ && (terminal_ ? fraction < 1 : true)) return;

@@ -14,8 +14,6 @@ class ProgressBar {
   /// Shows how far `what` is: `fraction` 0..1, `rate` in steps per second, `left` in seconds (negative = unknown), and
   /// `note`, the present figures.
   void show(const std::string& what, double fraction, double rate, double left, const std::string& note);
-  /// Shows nothing from now on.
-  void hide() { hidden_ = true; }
   /// Ends the line of the bar.
   void finish();
   ~ProgressBar() { finish(); }
@@ -23,7 +21,7 @@ class ProgressBar {
  private:
   std::chrono::milliseconds interval() const;
 
-  bool terminal_, hidden_ = false;
+  bool terminal_;
   bool open_ = false;
   Clock::time_point next_;
 };

@@ -25,7 +25,7 @@ void RunContext::spin(std::chrono::milliseconds moment) {
 void RunContext::handle() {
   if (on_spin) on_spin();
   records.handle();
-  if (stop_requested() || (stopped && stopped())) throw StopRequested();
+  if (stop_requested()) throw StopRequested();
 }
 
 void RunContext::require(std::optional<int> feature_dimension, const TrainingData& learned) {

@@ -18,7 +18,7 @@
 
 namespace citylearn {
 
-/// Thrown to leave a run when a signal, or RunContext::stopped, asks it to stop.
+/// Thrown to leave a run when a signal asks it to stop.
 struct StopRequested {};
 
 /// Thrown when env_services have not come within --wait.
@@ -41,7 +41,6 @@ class RunContext {
   RunRecords records;
   ProgressBar progress;
   std::function<void()> on_spin;  ///< called for each spin(), after the messages of env_services
-  std::function<bool()> stopped;  ///< called likewise: whether the run is to stop, as at a signal; unset: never
 
   /// Handles messages for `moment` at most, and everything that is due. All waiting of a run happens here. Throws
   /// StopRequested.

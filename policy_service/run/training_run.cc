@@ -377,13 +377,9 @@ void LearnerRun::train() {
   context_.on_spin = [this] { server_->handle(); };
   context_.client.receive_observations(false);
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);
-  bool computing = false;  // by a caller that waits for messages no longer than compute() does
   while (!ended()) {
-    context_.spin(computing ? std::chrono::milliseconds(0) : kStopCheckInterval);
-    const bool ready = server_->ready();
-    computing = ready && compute && !compute(server_->batch());
-    if (computing) continue;
-    if (ready) {
+    context_.spin();
+    if (server_->ready()) {
       if (!update([this] { return server_->learn(); })) break;
       warn_of_lag();
       continue;
@@ -416,7 +412,6 @@ void LearnerRun::warn_of_lag() {
 }
 
 void LearnerRun::dismiss_actors() {
-  if (!server_) return;
   server_->end();
   const Clock::time_point deadline = Clock::now() + kDismiss;
   while (!server_->released() && Clock::now() < deadline) context_.spin();

@@ -98,16 +98,12 @@ class LearnerRun : public TrainingRun {
  public:
   using TrainingRun::TrainingRun;
   ~LearnerRun() override { context_.on_spin = nullptr; }
-  /// If set, it is called with the data of the next update until it returns true: the learner can then make the update
-  /// at once. It may wait for a moment.
-  std::function<bool(const Rollout&)> compute;
-  /// Tells the actors that training is over and takes the env_services over. execute() does so at its end, but not when
-  /// it was stopped: actors then wait for a learner that resumes.
-  void dismiss_actors();
-  int actors() const { return server_ ? server_->actors() : 0; }  ///< as LearnerServer::actors()
 
  private:
   void train() override;
+  /// Tells the actors that training is over and takes the env_services over. Not so when it was stopped: actors then wait
+  /// for a learner that resumes.
+  void dismiss_actors();
   std::optional<double> evaluate_others() override;
   double policy_lag() const override { return server_->policy_lag(); }
   std::string actors_note() const override;

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""env_services and actors for tests in Python."""
+"""env_services for tests in Python."""
 
 import contextlib
 import signal
@@ -36,7 +36,3 @@ def env_services(count=2, agents=8, traversal="summer", data=None, **where):
     options = as_options({name: value for name, value in (data or DRAWN).items() if name != "frames"})
     return [service("env_service", f"--agents={agents}", "--linger=0", f"--traversal={traversal}",
                     f"--id=env-{traversal}-{i}", *options, **where) for i in range(count)]
-
-
-def actor(number, **where):
-    return service("policy_service", "--role=actor", f"--id=actor-{number}", "--threads=1", **where)
