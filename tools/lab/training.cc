@@ -7,42 +7,27 @@
 
 namespace citylearn {
 
-NetworkTask network_task(const Experiences& route, int first, int frames) {
+NetworkTask network_task(const Traversal& route, int first, int frames) {
+  if (first < 0 || frames < 2 || first + frames > route.frames)
+    throw Error("has " + std::to_string(route.frames) + " frames, the route needs frames " + std::to_string(first) +
+                    ".." + std::to_string(first + frames - 1),
+                "traversal '" + route.name + "'", "choose fewer");
   NetworkTask task;
   task.frames = frames;
-  for (const Traversal* traversal : route) {
-    const std::string where = "traversal '" + traversal->name + "'";
-    if (first < 0 || frames < 2 || first + frames > traversal->frames)
-      throw Error("has " + std::to_string(traversal->frames) + " frames, the route needs frames " +
-                      std::to_string(first) + ".." + std::to_string(first + frames - 1),
-                  where, "choose fewer");
-    if (task.reference.cols() == 0) {
-      task.features = traversal->dimension;
-      task.streets = traversal->states();
-      task.reference.resize(task.features, 0);
-    }
-    if (traversal->dimension != task.features)
-      throw Error("has " + std::to_string(traversal->dimension) + " features a frame, '" + route.front()->name +
-                      "' has " + std::to_string(task.features),
-                  where, "train on traversals with features of one kind");
-    const std::ptrdiff_t before = task.reference.cols();
-    task.reference.conservativeResize(Eigen::NoChange, before + frames);
-    task.reference.rightCols(frames) =
-        Eigen::Map<const Matrix<float>>(traversal->features.data(), traversal->dimension, traversal->frames)
-            .middleCols(first, frames);
-  }
+  task.features = route.dimension;
+  task.streets = route.states();
+  task.reference =
+      Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames).middleCols(first, frames);
   return task;
 }
 
-InprocessTraining::InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames,
+InprocessTraining::InprocessTraining(const TrainerOptions& options, const Traversal& route, int frames,
                                      const Hosting& hosting)
     : trainer_(options, network_task(route, options.first_frame, frames)) {
-  const int count = hosting.environments * static_cast<int>(route.size());
-  const int agents = std::max(1, static_cast<int>(trainer_.parameters()["trainer"]["agents"]) / count);
-  for (int i = 0; i < count; ++i) {
-    const int experience = i / hosting.environments;
-    environments_.emplace_back(*route[static_cast<std::size_t>(experience)], agents, hosting.imperfections);
-    trainer_.add(i, agents, experience);
+  const int agents = std::max(1, static_cast<int>(trainer_.parameters()["trainer"]["agents"]) / hosting.environments);
+  for (int i = 0; i < hosting.environments; ++i) {
+    environments_.emplace_back(route, agents, hosting.imperfections);
+    trainer_.add(i, agents);
   }
 }
 

@@ -14,15 +14,9 @@
 
 namespace citylearn {
 
-/// One route as several traversals show it; the first one defines it. Or one traversal, which is the route.
-struct Experiences : std::vector<const Traversal*> {
-  using std::vector<const Traversal*>::vector;
-  Experiences(const Traversal& only) : vector{&only} {}  // NOLINT(google-explicit-constructor): the usual case
-};
-
 /// The environments of a training.
 struct Hosting {
-  int environments = 1;              ///< on each of the route's experiences; they share the recommended agents
+  int environments = 1;              ///< that share the recommended agents
   Imperfections imperfections = {};  ///< of their world, those that befall agents
 };
 
@@ -31,7 +25,7 @@ class InprocessTraining {
  public:
   /// Frames options.first_frame .. + frames - 1 of `route`, which must outlive this and have features (an agent that
   /// needs none takes it as it is). Throws Error as Trainer and network_task() do.
-  InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames, const Hosting& hosting = {});
+  InprocessTraining(const TrainerOptions& options, const Traversal& route, int frames, const Hosting& hosting = {});
 
   /// Plays one segment of every environment and learns from it.
   UpdateFigures update();
@@ -55,9 +49,9 @@ class InprocessTraining {
   std::vector<std::uint8_t> choice_;
 };
 
-/// Returns the task of a route's frames first .. first + frames - 1, as a network is made for it. Throws Error naming a
-/// traversal that lacks some of these, or has other features than the first one.
-NetworkTask network_task(const Experiences& route, int first, int frames);
+/// Returns the task of a route's frames first .. first + frames - 1, as a network is made for it. Throws Error when the
+/// route lacks some of these.
+NetworkTask network_task(const Traversal& route, int first, int frames);
 
 /// The numbered tasks that a policy is tried on.
 struct Trial {

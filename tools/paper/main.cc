@@ -30,7 +30,7 @@ struct CommandLine {
   WorldOptions world;
   std::string seeds, output = "runs/paper", store = "runs/store", work;
   std::vector<std::string> only;
-  bool quick = false, list = false, no_strips = false;
+  bool quick = false, list = false;
   double effort = 1;
   std::string text;  ///< the command as typed, without --only
 };
@@ -61,8 +61,6 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--only", line.only, "Make only these parts of the report: " + CLI::detail::join(names, ","))
       ->delimiter(',')
       ->check(CLI::IsMember(names));
-  app.add_flag("--no-strips", line.no_strips,
-               "Leave out the pictures of real recordings, for a report to publish where they must not be");
   app.add_flag("--list", line.list, "Print the parts of the report, and exit")->configurable(false);
   app.add_option(
          "--output", line.output,
@@ -158,12 +156,10 @@ int make_report(CommandLine& line) {
   const Context context{.world = world,
                         .drawn = city ? *city : world,
                         .work = work,
-                        .output = line.output,
                         .quick = line.quick,
                         .effort = line.effort,
                         .seeds = seeds,
                         .frames = std::min(128, world.frames()),
-                        .pictures = !line.no_strips,
                         .agents = agents_of(world, seeds, line.quick)};
   std::vector<Section> wanted;
   for (const Section& section : sections())
@@ -172,14 +168,7 @@ int make_report(CommandLine& line) {
   Json parts = Json::array();
   for (const Section& section : wanted)
     parts.push_back({{"name", section.name}, {"title", section.title}, {"data", planned(section, context)}});
-  bool well = work.run();
-  for (std::size_t i = 0; i < wanted.size(); ++i) try {
-      if (wanted[i].complete) wanted[i].complete(context, parts[i]["data"]);
-    } catch (const Error& error) {
-      parts[i]["error"] = error.what();
-      spdlog::error("{}: {}", wanted[i].name, error.what());
-      well = false;
-    }
+  const bool well = work.run();
   write_file(line.output + "/results.json", work.results());
   write_file(line.output + "/report.json", Json{{"command", line.text},
                                                 {"version", version()},

@@ -72,7 +72,6 @@ class Inputs:
     """Both files together. A unit of work is referred to by its number, its place in results.json."""
 
     def __init__(self, folder: Path):
-        self.folder = folder
         results = read_json(folder / "results.json")
         report = read_json(folder / "report.json")
         self.command: str = report["command"]

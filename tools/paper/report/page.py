@@ -38,7 +38,7 @@ def csv_text(rows: list[list[Any]]) -> str:
 
 class Page:
     """Collects the sections and writes the page, which needs no other file. Beside it: tables as NAME.csv, charts as
-    NAME.svg, NAME.png and NAME-lines.csv or NAME-bars.csv, pictures as NAME.png."""
+    NAME.svg, NAME.png and NAME-lines.csv or NAME-bars.csv."""
 
     def __init__(self, folder: Path, command: str):
         self._folder = folder
@@ -75,21 +75,14 @@ class Page:
         self._write(f"{name}-bars.csv", csv_text(rows).encode())
         self._figure(name, charts.draw_bars(chart), caption)
 
-    def picture(self, name: str, figure: Figure, caption: str) -> None:
-        self._image(self._save(figure, f"{name}.png"), "image/png", "picture", caption)
-
-    def remove_picture(self, name: str) -> None:
-        """Removes the one that an earlier report left."""
-        (self._folder / f"{name}.png").unlink(missing_ok=True)
-
-    def write(self, title: str, about: str, given: list[str]) -> None:
-        """Writes report.html, and into manifest.json the hashes of all files: written and `given`."""
+    def write(self, title: str, about: str) -> None:
+        """Writes report.html, and into manifest.json the hashes of all files."""
         templates = jinja2.FileSystemLoader(Path(__file__).parent / "templates")
         environment = jinja2.Environment(loader=templates, autoescape=True, trim_blocks=True, lstrip_blocks=True,
                                          keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
         html = environment.get_template("report.html.j2").render(title=title, about=about, sections=self._sections)
         self._write("report.html", html.encode())
-        for name in given:
+        for name in ("results.json", "report.json"):
             self._note(name)
         manifest = read_json(self._folder / "manifest.json")
         manifest["files"] = self._files
@@ -101,12 +94,10 @@ class Page:
 
     def _figure(self, name: str, figure: Figure, caption: str) -> None:
         self._save(figure, f"{name}.png")
-        self._image(self._save(figure, f"{name}.svg"), "image/svg+xml", "chart", caption)
-
-    def _image(self, image: bytes, media_type: str, style: str, caption: str) -> None:
-        source = f"data:{media_type};base64,{base64.b64encode(image).decode()}"
+        image = self._save(figure, f"{name}.svg")
         command = f"{self._command} --only {self._sections[-1].name}"
-        self._add("figure", source=source, style=style, caption=f"{caption} Command: {command}")
+        self._add("figure", source=f"data:image/svg+xml;base64,{base64.b64encode(image).decode()}",
+                  caption=f"{caption} Command: {command}")
 
     def _save(self, figure: Figure, name: str) -> bytes:
         charts.save(figure, self._folder / name)

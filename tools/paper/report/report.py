@@ -6,12 +6,12 @@ from pathlib import Path
 
 from inputs import InputError, Inputs
 from page import Page
-from sections import comparisons, figure_10, figures, recognition, tables
+from sections import comparisons, figures, recognition, tables
 from study import Study
 
 RENDERERS = {
     "figure-2": figures.figure_2, "figure-6": recognition.render, "figure-7": figures.figure_7,
-    "figure-8-9": figures.figure_8_9, "figure-10": figure_10.render, "tables": tables.render,
+    "figure-8-9": figures.figure_8_9, "tables": tables.render,
     "longer-routes": comparisons.longer_routes, "imperfect-world": comparisons.imperfect_world,
     "dimensions": comparisons.dimensions}
 
@@ -19,20 +19,15 @@ RENDERERS = {
 def make_report(folder: Path) -> None:
     inputs = Inputs(folder)
     page = Page(folder, inputs.command)
-    given = ["results.json", "report.json"]
     for section in inputs.sections:
         name, data = section["name"], section["data"]
         page.section(name, section["title"])
-        if "error" in section:
-            page.remark(f"This part could not be made: {section['error']}")
-            continue
         if name not in RENDERERS:
             raise InputError(f"report.json: field 'name': unknown section '{name}' (run citylearn paper again)")
         RENDERERS[name](Study(inputs, data, page))
-        given += [strip["file"] for strip in data.get("strips", [])]
     kind = "drawn" if inputs.recordings.drawn else "real"
     page.write("CityLearn's experiments, again",
-               f"Made by: {inputs.command}, version {inputs.version}, on {kind} recordings.", given)
+               f"Made by: {inputs.command}, version {inputs.version}, on {kind} recordings.")
 
 
 def main(arguments: list[str]) -> int:

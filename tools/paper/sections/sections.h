@@ -23,12 +23,10 @@ struct Context {
   World& world;
   World& drawn;  ///< a drawn city that has the pictures and positions `world` may lack; `world` itself when it is drawn
   Work& work;
-  std::string output;  ///< the report's folder
   bool quick = false;
   double effort = 1;  ///< share of training steps and tasks, 0..1; below 1 the figures mean nothing
   std::vector<std::uint64_t> seeds;
   int frames = 128;           ///< N of the paper's route
-  bool pictures = true;       ///< the report may show real recordings' pictures
   std::vector<Agent> agents;  ///< those compared, each on the representation it is meant for
 
   /// The one among them that is the paper's: `features`.
@@ -62,8 +60,6 @@ struct Section {
   std::string name;   ///< for --only: "figure-7"
   std::string title;  ///< "Fig. 7: training curves"
   Plan (*plan)(const Context& context);
-  /// Adds to planned() what is known only after the work. Throws Error.
-  void (*complete)(const Context& context, Json& data) = nullptr;
 };
 
 /// Returns all sections, in the order of the report.
@@ -82,8 +78,6 @@ Plan figure_2(const Context& context);
 Plan figure_6(const Context& context);
 Plan figure_7(const Context& context);
 Plan figure_8_9(const Context& context);
-Plan figure_10(const Context& context);
-void complete_figure_10(const Context& context, Json& data);
 Plan tables(const Context& context);
 /// The paper's main finding, tried: agents that learn from more and fewer features of the same encoder.
 Plan dimensions(const Context& context);

@@ -9,7 +9,6 @@
 #include "core/task/spl.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
-#include "tools/paper/studies/walk.h"
 
 namespace citylearn::paper {
 namespace {
@@ -106,8 +105,7 @@ int Run::environments() {
 }
 
 Json Run::train() {
-  const Experiences known(traversal(train_));
-  InprocessTraining training(trainer_options(), known, study_.frames, {environments(), study_.imperfections});
+  InprocessTraining training(trainer_options(), traversal(train_), study_.frames, {environments(), study_.imperfections});
   Trainer& trainer = training.trainer();
   Json curve;
   for (const char* name : {"episodes", "spl", "steps", "seconds", "reward", "length"}) curve[name] = Json::array();
@@ -139,10 +137,8 @@ Json Run::train() {
   Json trials = Json::array();
   for (const std::string& name : study_.traversals)
     for (const bool shuffled : {false, true}) {
-      const Episodes episodes = play(policy_of(trainer.agent()), name, study_.tasks, shuffled);
-      Json row = as_json(score(episodes));
+      Json row = as_json(score(play(policy_of(trainer.agent()), name, study_.tasks, shuffled)));
       row.update({{"shuffled", shuffled}, {"traversal", name}});
-      if (!shuffled) row["walk"] = walk_of(episodes, traversal(name).frames);
       trials.push_back(std::move(row));
     }
   return {{"deployments", deployments},
@@ -157,8 +153,7 @@ Json Run::train() {
 Json Run::control() {
   const auto& entry = ControlRegistry::instance().find("control", study_.policy);
   return tried([&](const std::string& name) {
-    const Experiences known =
-        study_.policy == "oracle_filter" ? Experiences(traversal(name)) : Experiences(traversal(train_));
+    const Traversal& known = traversal(study_.policy == "oracle_filter" ? name : train_);
     const NetworkTask route = network_task(known, 0, study_.frames);
     return entry.create(Parameters("control " + study_.policy, entry.parameters, study_.parameters),
                         {0, study_.frames, route.reference});

@@ -31,8 +31,8 @@ struct Study {
 
 /// Returns the unit of work of a study. Outcome of a training: "curve": {"episodes", "steps", "seconds", "reward",
 /// "spl", "length"}, a number an update: means over the episodes that ended in it (null where none did); "deployments":
-/// [{"episodes", "traversal", SCORE}]; "trials": [{"traversal", "shuffled", SCORE}], those not shuffled with "walk"
-/// (walk.h); "episodes", "steps", "seconds"; "spl95": {"episodes", "steps", "seconds"} or null. Of a control:
+/// [{"episodes", "traversal", SCORE}]; "trials": [{"traversal", "shuffled", SCORE}];
+/// "episodes", "steps", "seconds"; "spl95": {"episodes", "steps", "seconds"} or null. Of a control:
 /// [{"traversal", SCORE}]. SCORE: tasks, completed, spl, excess, steps, reward. All but the seconds are the same again
 /// with the same seed.
 Unit unit_of(const Study& study, World& world);
