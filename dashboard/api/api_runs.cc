@@ -196,8 +196,8 @@ Answer Api::training(const RunRow& row, const Query& query) {
 }
 
 Answer Api::episodes(const RunRow& row, const Query& query) {
-  allow_only(query, {"limit", "before", "until", "evaluation", "traversal", "policy", "update", "shuffled", "completed",
-                     "order"});
+  allow_only(query,
+             {"limit", "before", "evaluation", "traversal", "policy", "update", "shuffled", "completed", "order"});
   constexpr std::int64_t kMaxValue = std::numeric_limits<std::int64_t>::max();
   EpisodeFilter filter;
   filter.evaluation = flag_parameter(query, "evaluation");
@@ -213,11 +213,7 @@ Answer Api::episodes(const RunRow& row, const Query& query) {
   if (order != "newest" && order != "worst")
     throw RequestError(400, "parameter 'order' must be newest or worst, is '" + order + "'");
   if (before && order == "worst") throw RequestError(400, "parameter 'before' goes with order=newest only");
-  const auto until = number_parameter<std::int64_t>(query, "until", 0, kMaxValue);
-  if (until && filter.evaluation.value_or(true))
-    throw RequestError(400, "parameter 'until' counts training episodes: it goes with evaluation=0 only");
   BorrowedReader reader(*this);
-  if (until) filter.until = reader->training_episode(row.id, static_cast<std::uint64_t>(*until)).value_or(0);
   const bool all = query.parameters.empty();
   const std::uint64_t total = all ? row.recorded : reader->count(row.id, filter);
   filter.before = before;

@@ -101,7 +101,6 @@ struct EpisodeFilter {
   std::optional<std::string> traversal, policy;
   std::optional<std::uint64_t> update;
   std::optional<std::int64_t> before;  ///< rowid
-  std::optional<std::int64_t> until;   ///< likewise, but with that one
 };
 
 /// Identifies an evaluation by the tasks that belong to it.

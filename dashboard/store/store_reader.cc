@@ -48,7 +48,6 @@ std::string conditions(const EpisodeFilter& filter) {
   if (filter.policy) sql += " AND e.policy = ?3";
   if (filter.update) sql += " AND e.\"update\" = ?4";
   if (filter.before) sql += " AND e.id < ?5";
-  if (filter.until) sql += " AND e.id <= ?6";
   return sql;
 }
 
@@ -58,7 +57,6 @@ void bind_filter(SQLite::Statement& statement, std::int64_t run, const EpisodeFi
   if (filter.policy) bind_value(statement, 3, *filter.policy);
   if (filter.update) bind_value(statement, 4, *filter.update);
   if (filter.before) bind_value(statement, 5, *filter.before);
-  if (filter.until) bind_value(statement, 6, *filter.until);
 }
 
 /// Returns the SQL of a training figure. The update is in the key.
@@ -258,18 +256,6 @@ std::optional<StoreReader::Replay> StoreReader::episode(std::int64_t rowid) {
   };
   impl_->each_row(impl_->episode, read, rowid);
   return found;
-}
-
-std::optional<std::int64_t> StoreReader::training_episode(std::int64_t run, std::uint64_t number) {
-  return with_file_errors(impl_->path, [&]() -> std::optional<std::int64_t> {
-    // Counted in an index that has nothing else.
-    SQLite::Statement row(
-        impl_->database,
-        "SELECT COALESCE((SELECT id FROM episodes WHERE run = ?1 AND evaluation = 0 ORDER BY id LIMIT 1 "
-        "OFFSET ?2), (SELECT MAX(id) FROM episodes WHERE run = ?1 AND evaluation = 0))");
-    bind_values(row, run, std::max<std::uint64_t>(number, 1) - 1);
-    return row.executeStep() ? value_at<std::optional<std::int64_t>>(row, 0) : std::nullopt;
-  });
 }
 
 std::optional<RouteMap> StoreReader::map(std::uint64_t hash) {

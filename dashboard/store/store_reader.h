@@ -57,10 +57,6 @@ class StoreReader {
   };
   std::optional<Replay> episode(std::int64_t rowid);
 
-  /// Returns the rowid of a run's training episode number `number`, from 1 on in the order in which they were recorded,
-  /// or of the last one if there are fewer; nothing if there is none.
-  std::optional<std::int64_t> training_episode(std::int64_t run, std::uint64_t number);
-
   std::optional<RouteMap> map(std::uint64_t hash);
   struct PlacePicture {
     std::uint32_t frame = 0;

@@ -52,9 +52,6 @@ export type TraversalMap = Rows['map'];
 
 export type About = Rows['about'];
 
-/** How far a run is: values of all axes of its curves. `wall` is in seconds of training. */
-export type RunMoment = Record<'update' | 'steps' | 'episodes' | 'wall', number>;
-
 /** Header of a `scene:` frame. */
 export interface SceneHeader {
   traversal: string;

@@ -6,7 +6,6 @@ import type { Episode, Evaluation, Run, RunDetail } from '../api/types';
 import type { Line } from '../maths/curves';
 import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl, splMatrix } from '../maths/evaluations';
 import { dateTime, fixed, integer, percent, plural, short, threeDecimals } from '../maths/format';
-import { cursorAt, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { seriesColour } from '../state/theme';
@@ -14,7 +13,6 @@ import { Card, Empty, Select, Show, State } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Choice, chosen, KIND, type ChoiceOf } from '../ui/choice';
 import { CompletedBar, Heat, Whisker } from '../ui/marks';
-import { MomentBar } from '../ui/moment_bar';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
@@ -36,12 +34,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
   const fresh = run.state === 'running' ? Math.floor((run.recorded_episodes ?? 0) / 500) : run.state;
   const evaluations = useJson<{ evaluations: Evaluation[] }>(runPath(run.id, '/evaluations'), fresh);
   const detail = useJson<RunDetail>(runPath(run.id), run.state);
-  const asked = Number(param('episode', '0'));
-  const seen = useMoment(run);
-  // What the cursor stands on is replayed until another episode is chosen.
-  const at = cursorAt();
-  const until = useEpisodesUntil(run, at === null ? null : { kind: chosen(KIND), traversal: null, seen });
-  const episode = asked > 0 || at === null ? asked : (valueOf(until)?.episodes[0]?.rowid ?? 0);
+  const episode = Number(param('episode', '0'));
   return (
     <>
       <div class="wrap card">
@@ -50,13 +43,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
           <State state={run.state} /> <span class="hint">{plural(run.recorded_episodes ?? 0, 'recorded episode')}</span>
         </p>
       </div>
-      <MomentBar run={run} seen={seen} clear="Show all" />
-      {at !== null && until.state === 'ready' && episode === 0 && (
-        <p class="note" role="status">
-          No {chosen(KIND)} episode was recorded up to this moment.
-        </p>
-      )}
-      {episode > 0 && <Replay key={episode} rowid={episode} detail={detail} focused={asked > 0} />}
+      {episode > 0 && <Replay key={episode} rowid={episode} detail={detail} />}
       <Show of={evaluations} lines={8}>
         {({ evaluations: list }) =>
           list.length ? (
@@ -79,7 +66,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
           )
         }
       </Show>
-      <Episodes run={run} evaluations={evaluations} fresh={fresh} seen={seen} />
+      <Episodes run={run} evaluations={evaluations} fresh={fresh} />
     </>
   );
 }
@@ -183,11 +170,10 @@ function Checkpoints({ list }: { list: readonly Evaluation[] }): JSX.Element | n
 
 const PAGE = 50;
 
-function Episodes({ run, evaluations, fresh, seen }: {
+function Episodes({ run, evaluations, fresh }: {
   run: Run;
   evaluations: Resource<{ evaluations: Evaluation[] }>;
   fresh: unknown;
-  seen: Seen;
 }): JSX.Element {
   const kind = chosen(KIND);
   const order = chosen(ORDER);
@@ -200,7 +186,6 @@ function Episodes({ run, evaluations, fresh, seen }: {
     for (const name of ['traversal', 'policy', 'update'] as const) query.set(name, String(evaluated[name]));
     query.set('shuffled', evaluated.shuffled ? '1' : '0');
   }
-  if (kind === 'training' && seen.moment) query.set('until', String(seen.moment.episodes));
   if (goal !== 'all') query.set('completed', goal === 'reached' ? '1' : '0');
   const episodes = useJson<{ episodes: Episode[]; total: number }>(runPath(run.id, `/episodes?${query.toString()}`), fresh);
   const replayed = Number(param('episode', '0'));

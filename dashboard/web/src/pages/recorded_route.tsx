@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { ComponentChildren, JSX } from 'preact';
-import { useMemo } from 'preact/hooks';
-import type { Episode, Run, RunDetail, RunTraversal } from '../api/types';
-import { linesOf } from '../maths/curves';
-import { evaluationName } from '../maths/evaluations';
-import { integer, threeDecimals } from '../maths/format';
+import type { JSX } from 'preact';
+import { runPath } from '../api/client';
+import type { Episode, Evaluation, Run, RunDetail, RunTraversal } from '../api/types';
+import { evaluationName, newest } from '../maths/evaluations';
+import { integer } from '../maths/format';
 import { routePart } from '../maths/scene';
-import { curveAxis, cursorAt, moved, setCursor, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
-import { valueOf } from '../state/resource';
+import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, Show, Tick } from '../ui/basics';
-import { Chart } from '../ui/chart';
-import { AXIS, axisProps, Choice, chosen, KIND, type ChoiceOf } from '../ui/choice';
-import { MomentBar } from '../ui/moment_bar';
+import { Choice, chosen, KIND, type ChoiceOf } from '../ui/choice';
 import { Pictures } from '../ui/picture';
 import { RouteMap } from '../ui/route_map';
 import { TableCard, text, type Column } from '../ui/table';
@@ -25,23 +21,22 @@ interface RecordedProps {
   whole: boolean;
 }
 
-/** Shows what is recorded of a run on a traversal: its curve, and the episodes at the cursor on the map, with pictures. */
+/** Shows what is recorded of a run on a traversal: its newest episodes on the map, with pictures. */
 export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.Element {
-  const seen = useMoment(run, true);
   const trained = traversal.traversal === detail.manifest?.train && (run.updates ?? 0) > 0;
   const kinds: ChoiceOf<'evaluation' | 'training'> = trained
     ? { ...KIND, values: { training: KIND.values.training, evaluation: KIND.values.evaluation }, resets: ['episode', 'step'] }
     : { ...KIND, resets: ['episode', 'step'] };
   const kind = chosen(kinds);
-  const episodes = useEpisodesUntil(run, { kind, traversal: traversal.traversal, seen });
+  const episodes = useEpisodes(run, kind, traversal.traversal);
   const list = valueOf(episodes)?.episodes ?? [];
   const asked = Number(param('episode', '0'));
   const rowid = asked > 0 ? asked : (list[0]?.rowid ?? 0);
   return (
     <>
-      <MomentOf run={run} seen={seen} clear={run.state === 'running' ? 'Back to live' : 'Back to the end'}>
+      <div class="wrap card">
         <Choice of={kinds} />
-      </MomentOf>
+      </div>
       {rowid > 0 ? (
         <EpisodeCard key={rowid} rowid={rowid} title={(one) => (one ? `Route: ${one.traversal}` : 'Route')} run={detail} whole={whole} />
       ) : (
@@ -50,8 +45,7 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
             {() => (
               <>
                 <p class="note" role="status">
-                  No {kind} episode is recorded on {traversal.traversal}
-                  {cursorAt() !== null && ' up to this moment'}.
+                  No {kind} episode is recorded on {traversal.traversal}.
                 </p>
                 <Place traversal={traversal} detail={detail} whole={whole} />
               </>
@@ -64,52 +58,19 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
   );
 }
 
-/** The cursor of a run: its axis, beside other choices, and what it stands on. */
-function MomentOf({ run, seen, clear, children }: { run: Run; seen: Seen; clear: string; children?: ComponentChildren }): JSX.Element {
-  return (
-    <>
-      <div class="wrap card">
-        {children}
-        <Choice of={{ ...AXIS, also: (axis) => moved(seen, axis) }} />
-      </div>
-      <MomentBar run={run} seen={seen} clear={clear} />
-      <MomentCurve run={run} seen={seen} />
-    </>
-  );
-}
+const MAX_EPISODES = 16;
 
-/** The run's SPL, on which the cursor is set. */
-function MomentCurve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX.Element | null {
-  const x = curveAxis();
-  const version = training?.version;
-  const lines = useMemo(
-    () =>
-      training?.rows.length
-        ? linesOf(
-            [{ key: run.id, label: 'SPL', colour: 'series-1', runs: [{ id: run.id, label: 'SPL', colour: 'series-1', rows: training.rows }] }],
-            { metric: 'spl', x, smoothing: 0, display: 'runs', hidden: new Set(), range: null },
-          )
-        : [],
-    [run.id, version, x],
-  );
-  if (training?.state === 'ready' && training.rows.length === 0) return null;
-  return (
-    <div class="moment-curve">
-      <Chart
-        title="SPL in training"
-        hint="Click a moment, or press Enter where the arrow keys have moved the cursor: what is recorded of it follows."
-        name="spl"
-        {...axisProps(x)}
-        yLabel="SPL"
-        lines={lines}
-        format={threeDecimals}
-        height={150}
-        mark={cursorAt()}
-        onMark={setCursor}
-        empty={training?.state === 'failed' ? training.error : 'No values yet'}
-      />
-    </div>
-  );
+/** Returns the newest episodes of a run on a traversal, newest first; of evaluations the tasks of the agent's newest one. */
+function useEpisodes(run: Run, kind: 'evaluation' | 'training', traversal: string): Resource<{ episodes: Episode[] }> {
+  const evaluating = kind === 'evaluation';
+  const evaluations = useJson<{ evaluations: Evaluation[] }>(evaluating ? runPath(run.id, '/evaluations') : null, run.state);
+  const evaluation = newest(valueOf(evaluations)?.evaluations ?? []).get(traversal);
+  const query = new URLSearchParams({ limit: String(MAX_EPISODES), evaluation: evaluating ? '1' : '0', traversal });
+  if (evaluation) for (const name of ['policy', 'update'] as const) query.set(name, String(evaluation[name]));
+  if (evaluation) query.set('shuffled', '0');
+  const episodes = useJson<{ episodes: Episode[] }>(evaluating && !evaluation ? null : runPath(run.id, `/episodes?${query.toString()}`), run.state);
+  if (!evaluating || evaluation) return episodes;
+  return evaluations.state === 'ready' ? { state: 'ready', value: { episodes: [] } } : evaluations;
 }
 
 /** The map without agents, with the pictures of its first place. */
@@ -148,8 +109,8 @@ function Episodes({ list, chosen: rowid, kind, name }: {
   ];
   return (
     <TableCard
-      title="Episodes of this moment"
-      hint="The newest ones up to the moment that is marked, or of the whole run."
+      title="Episodes"
+      hint="The newest ones of the run."
       name={`episodes ${name}`}
       columns={columns}
       rows={list}

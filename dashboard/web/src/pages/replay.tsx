@@ -15,11 +15,11 @@ import { Pictures, SiblingSelect, siblingsOf } from '../ui/picture';
 import { RouteLegend, RouteMap } from '../ui/route_map';
 import { figure, text, type Column } from '../ui/table';
 
-/** Plays one recorded episode step by step. One that somebody has chosen is `focused`. */
-export function Replay({ rowid, detail, focused }: { rowid: number; detail: Resource<RunDetail>; focused: boolean }): JSX.Element {
+/** Plays the chosen episode step by step. */
+export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunDetail> }): JSX.Element {
   const room = useRef<HTMLDivElement>(null);
   useEffect(() => {
-    if (focused) room.current?.scrollIntoView({ block: 'start' });
+    room.current?.scrollIntoView({ block: 'start' });
   }, []);
   return (
     <div ref={room} id="replay">
@@ -27,13 +27,11 @@ export function Replay({ rowid, detail, focused }: { rowid: number; detail: Reso
         rowid={rowid}
         title={() => `Replay of episode ${rowid}`}
         run={valueOf(detail)}
-        focused={focused}
+        focused
         actions={
-          focused && (
-            <button type="button" onClick={() => setParams({ episode: null, step: null })}>
-              Close
-            </button>
-          )
+          <button type="button" onClick={() => setParams({ episode: null, step: null })}>
+            Close
+          </button>
         }
       />
     </div>
@@ -202,8 +200,6 @@ function Player({ episode, positions, run, whole = false, focused = false }: Pla
               references={[{ label: 'goal', value: episode.goal }]}
               format={integer}
               height={180}
-              mark={step}
-              onMark={go}
             />
           )}
         </div>

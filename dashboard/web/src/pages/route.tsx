@@ -9,7 +9,6 @@ import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
 import { beliefText, routePart, sceneText } from '../maths/scene';
 import { idle, Trails, type Trail } from '../maths/trail';
-import { cursorAt } from '../state/cursor';
 import { useJson, valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { now } from '../state/shared';
@@ -80,7 +79,7 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
       </div>
       <Show of={detail} lines={6}>
         {(value) =>
-          traversal && run.state === 'running' && cursorAt() === null ? (
+          traversal && run.state === 'running' ? (
             <Scenery run={run} traversal={traversal} all={traversals} detail={value} whole={chosen(VIEW) === 'whole'} />
           ) : traversal ? (
             <Recorded run={run} traversal={traversal} detail={value} whole={chosen(VIEW) === 'whole'} />

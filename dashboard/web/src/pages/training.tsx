@@ -11,7 +11,6 @@ import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
 import { isKnown } from '../maths/runs';
 import type { Range } from '../maths/seeds';
-import { curveAxis, cursorAt, moved, seenAt, setCursor } from '../state/cursor';
 import { useGroups } from '../state/groups';
 import { useJson, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
@@ -20,7 +19,6 @@ import { useDetail, useTraining } from '../state/training';
 import { Card, Failed, Loading } from '../ui/basics';
 import { Chart, type Reference } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
-import { MomentBar } from '../ui/moment_bar';
 import { RunPicker } from '../ui/run_picker';
 import { WithRuns } from '../ui/with_runs';
 
@@ -88,8 +86,7 @@ function setZoom(zoom: Range | null): void {
 
 function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const by = chosen(GROUPS);
-  const x = curveAxis();
-  const at = cursorAt();
+  const x = chosen(AXIS);
   const display = chosen(SEEDS);
   const smoothing = Math.min(Math.max(Number(param('smooth', '0.9')) || 0, 0), 0.999);
   const hidden = useMemo(() => new Set(param('hide', '').split('\n').filter(Boolean)), [place.value]);
@@ -126,11 +123,6 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
     [versions, chosenIds, by, coloured, detail],
   );
 
-  // A mark on the curves of several runs leads to what the first of them did.
-  const first = fitting.flatMap((group) => group.runs).find((run) => ids.includes(run.id) && !hidden.has(run.id));
-  const marked = at === null ? undefined : first;
-  const seen = seenAt(marked && training.get(marked.id), at);
-
   const states = ids.map((id) => training.get(id)?.state);
   const failed = ids.map((id) => training.get(id)).find((one) => one?.state === 'failed');
   const references = useReferences(fitting[0]?.runs[0]);
@@ -144,7 +136,6 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         references={references[metric.key] ?? []}
         zoom={zoom}
         onZoom={setZoom}
-        mark={at}
       />
     ));
   return (
@@ -158,7 +149,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
       />
       <div class="stack">
         <div class="wrap card">
-          <Choice of={{ ...AXIS, resets: ['from', 'to'], also: (axis) => moved(seen, axis) }} />
+          <Choice of={{ ...AXIS, resets: ['from', 'to'] }} />
           <Choice of={SEEDS} />
           <label class="field hint">
             <span>
@@ -180,11 +171,6 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
             </button>
           )}
         </div>
-        {marked ? (
-          <MomentBar run={marked} seen={seen} clear="Remove the mark" />
-        ) : (
-          ids.length > 0 && <p class="hint">Click a curve, or press Enter where the arrow keys have moved the cursor, to mark a moment: Route and Replay show it, and so does the address.</p>
-        )}
         {failed && <Failed error={failed.error} />}
         {groupRows.every((group) => group.runs.length === 0) && states.includes('loading') ? (
           <Card title="Curves">
@@ -208,14 +194,13 @@ function coloursOf(groups: readonly Group[], each: boolean): Map<string, string>
   return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, seriesColour(each ? n++ : g)] as const)));
 }
 
-function MetricChart({ metric, groups, options, references, zoom, onZoom, mark }: {
+function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
   metric: Metric;
   groups: readonly GroupRows[];
   options: { x: XAxis; smoothing: number; display: Display; hidden: ReadonlySet<string> };
   references: readonly Reference[];
   zoom: Range | null;
   onZoom: (range: Range | null) => void;
-  mark: number | null;
 }): JSX.Element {
   const { x, smoothing, display, hidden } = options;
   const lines = useMemo(
@@ -236,8 +221,6 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom, mark }
       zoom={zoom}
       onZoom={onZoom}
       sync="training"
-      mark={mark}
-      onMark={setCursor}
       height={PERFORMANCE.includes(metric) ? 260 : 200}
     />
   );

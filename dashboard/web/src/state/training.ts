@@ -105,8 +105,7 @@ class Series {
 
 /** Fetches the rows of these runs in a range of an axis. Returns those that have arrived. */
 export function useDetail(ids: readonly string[], detail: (Range & { x: XAxis }) | null): Map<string, Rows> {
-  const x = detail?.x === 'update' ? 'updates' : detail?.x;
-  const query = `columns=${TRAINING_COLUMNS.join(',')}&points=${POINTS}&x=${x}&from=${detail?.from}&to=${detail?.to}`;
+  const query = `columns=${TRAINING_COLUMNS.join(',')}&points=${POINTS}&x=${detail?.x}&from=${detail?.from}&to=${detail?.to}`;
   const paths = detail ? ids.map((id) => runPath(id, `/training?${query}`)) : [];
   const answers = useJsons<TrainingAnswer>(paths);
   const key = [...answers.values()].map((one) => one.state).join();

@@ -36,9 +36,6 @@ export interface ChartProps {
   onZoom?: (range: Range | null) => void;
   /** Charts with the same name share one cursor. */
   sync?: string;
-  /** A point of the x axis that is marked on all lines. `onMark` is called when the user chooses another one, or none (null). */
-  mark?: number | null;
-  onMark?: (x: number | null) => void;
   /** The greatest value that there can be: no line and no label of the y axis lies above it. */
   max?: number | undefined;
   empty?: string;
@@ -153,25 +150,15 @@ function Plot(props: PlotProps): JSX.Element {
     [],
   );
 
-  useEffect(() => {
-    if (current.current) current.current = { ...current.current, mark: props.mark ?? null };
-    plot.current?.redraw(false);
-  }, [props.mark]);
-
   const named = lines.filter((line) => !line.faint).slice(0, 8);
   const summary = named.map((line) => `${line.label}: last ${format(lastOf(line))}`);
-  const { mark = null } = props;
-  if (mark !== null) summary.push(`at ${(props.xFormat ?? short)(mark)}: ${named.map((line) => `${line.label}: ${format(nearestValue(line, mark))}`).join(', ')}`);
   const move = (event: KeyboardEvent): void => {
     const step = event.key === 'ArrowRight' ? 1 : event.key === 'ArrowLeft' ? -1 : 0;
     const u = plot.current;
-    if (!u) return;
+    if (!u || !step) return;
     const x = u.data[0];
-    if (props.onMark && event.key === 'Enter' && u.cursor.idx != null) props.onMark(x[u.cursor.idx] ?? null);
-    if (props.onMark && event.key === 'Escape') props.onMark(null);
-    if (!step) return;
     event.preventDefault();
-    const from = u.cursor.idx ?? (mark !== null ? lowerBound(x as number[], mark) : step > 0 ? -1 : x.length);
+    const from = u.cursor.idx ?? (step > 0 ? -1 : x.length);
     const stride = Math.max(1, Math.round(x.length / 100)) * (event.shiftKey ? 5 : 1);
     const to = Math.min(Math.max(from + step * stride, 0), x.length - 1);
     u.setCursor({ left: u.valToPos(x[to] ?? 0, 'x'), top: u.over.clientHeight / 3 });
@@ -183,7 +170,7 @@ function Plot(props: PlotProps): JSX.Element {
       role="img"
       tabIndex={0}
       style={{ minHeight: `${height}px` }}
-      aria-label={`${title} over ${xLabel}. ${summary.join('; ')}. Arrow keys move the cursor${props.onMark ? ', Enter marks its place, Escape removes the mark' : ''}.`}
+      aria-label={`${title} over ${xLabel}. ${summary.join('; ')}. Arrow keys move the cursor.`}
       onKeyDown={move}
       onBlur={() => plot.current?.setCursor({ left: -10, top: -10 })}
     />
@@ -278,8 +265,7 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       ...(sync ? { sync: { key: sync, scales: ['x', null], setSeries: false } } : {}),
     },
     hooks: {
-      init: [(u) => markClicks(u, current)],
-      draw: [(u) => drawReferences(u, current.current?.references ?? [], text), (u) => drawMark(u, current.current)],
+      draw: [(u) => drawReferences(u, current.current?.references ?? [], text)],
       setSelect: [
         (u) => {
           if (u.select.width < 4) return;
@@ -316,45 +302,6 @@ function drawReferences(u: uPlot, references: readonly Reference[], stroke: stri
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
   });
-  ctx.restore();
-}
-
-const DRAG = 4; // pixels that a click may move
-
-/** Marks the point that is clicked. A drag selects a part of the axis instead. */
-function markClicks(u: uPlot, current: { current: Current | null }): void {
-  let from = 0;
-  u.over.addEventListener('mousedown', (event) => (from = event.clientX));
-  u.over.addEventListener('click', (event) => {
-    if (Math.abs(event.clientX - from) >= DRAG) return;
-    const x = u.data[0][u.cursor.idx ?? -1];
-    if (x !== undefined) current.current?.onMark?.(x);
-  });
-}
-
-/** Draws the marked point: a vertical line, and a dot on each line. */
-function drawMark(u: uPlot, current: Current | null): void {
-  const mark = current?.mark ?? null;
-  if (mark === null || !current) return;
-  const { ctx, bbox } = u;
-  const ratio = devicePixelRatio;
-  const x = Math.round(u.valToPos(mark, 'x', true));
-  if (x < bbox.left || x > bbox.left + bbox.width) return;
-  ctx.save();
-  ctx.strokeStyle = ctx.fillStyle = colourOf('accent');
-  ctx.lineWidth = 1.5 * ratio;
-  ctx.beginPath();
-  ctx.moveTo(x, bbox.top);
-  ctx.lineTo(x, bbox.top + bbox.height);
-  ctx.stroke();
-  for (const line of current.lines) {
-    const value = line.faint ? null : nearestValue(line, mark);
-    if (value === null) continue;
-    ctx.beginPath();
-    ctx.arc(x, u.valToPos(value, 'y', true), 4 * ratio, 0, 2 * Math.PI);
-    ctx.fillStyle = colourOf(line.colour);
-    ctx.fill();
-  }
   ctx.restore();
 }
 

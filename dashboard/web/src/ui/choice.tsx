@@ -13,8 +13,6 @@ export interface ChoiceOf<T extends string> {
   values: Record<T, string>;
   /** Parameters that a change removes. */
   resets?: readonly string[];
-  /** Returns parameters that change with it. */
-  also?: (value: T) => Record<string, string | null>;
 }
 
 const valuesOf = <T extends string>(choice: ChoiceOf<T>): T[] => Object.keys(choice.values) as T[];
@@ -28,7 +26,7 @@ export function chosen<T extends string>(choice: ChoiceOf<T>): T {
 /** A choice among a few visible options. */
 export function Choice<T extends string>({ of }: { of: ChoiceOf<T> }): JSX.Element {
   const select = (value: T): void => {
-    setParams({ ...Object.fromEntries((of.resets ?? []).map((name) => [name, null])), ...of.also?.(value), [of.name]: value });
+    setParams({ ...Object.fromEntries((of.resets ?? []).map((name) => [name, null])), [of.name]: value });
   };
   return (
     <fieldset class="hint">
@@ -47,8 +45,7 @@ export function Choice<T extends string>({ of }: { of: ChoiceOf<T> }): JSX.Eleme
 
 /** Returns how a chart names and writes an axis of training curves. */
 export function axisProps(x: XAxis): { xLabel: string; xFormat: (value: number) => string } {
-  const names: Partial<Record<XAxis, string>> = { wall: 'wall time', update: 'updates' };
-  return { xLabel: names[x] ?? x, xFormat: x === 'wall' ? duration : short };
+  return x === 'wall' ? { xLabel: 'wall time', xFormat: duration } : { xLabel: x, xFormat: short };
 }
 
 /** The horizontal axis of training curves. */

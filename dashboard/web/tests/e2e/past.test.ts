@@ -4,9 +4,9 @@ import { join } from 'node:path';
 import { promisify } from 'node:util';
 import type { Page } from 'playwright-core';
 import { beforeAll, describe, expect, inject, it } from 'vitest';
-import type { Evaluation, Run } from '../../src/api/types';
+import type { Run } from '../../src/api/types';
 import { Program, startDashboard, type Options } from './programs';
-import { api, curve, eventually, hashOf, Stage, violations, wider } from './stage';
+import { api, eventually, Stage, violations, wider } from './stage';
 
 // A run whose services are gone, before a dashboard that was killed while it stored the route.
 
@@ -84,13 +84,13 @@ describe('a past run', () => {
     await page.locator('.map .scale', { hasText: /\d m$/ }).first().waitFor();
     await pictured(page);
     expect(await page.locator('.picture img').count()).toBe(2);
-    await expect.poll(() => page.locator('section[aria-label="Episodes of this moment"] tbody tr').count()).toBeGreaterThan(3);
+    await expect.poll(() => page.locator('section[aria-label="Episodes"] tbody tr').count()).toBeGreaterThan(3);
     expect(await page.getByText(/Waiting|yet/).count()).toBe(0);
     expect(await violations(page)).toEqual([]);
     // The pictures follow the episode.
     await page.getByRole('slider', { name: 'Step' }).press('End');
     await pictured(page);
-    await page.locator('section[aria-label="Episodes of this moment"] tbody tr input').nth(2).check();
+    await page.locator('section[aria-label="Episodes"] tbody tr input').nth(2).check();
     await pictured(page);
     // On the other traversal it was only evaluated.
     await page.getByRole('combobox', { name: 'Traversal', exact: true }).selectOption('env-winter');
@@ -110,76 +110,11 @@ describe('a past run', () => {
   });
 
   it('fits a telephone in the dark', async () => {
-    const { page, complaints } = await stage.page(link('route', '&at=3000'), { viewport: { width: 400, height: 800 }, colorScheme: 'dark' });
+    const { page, complaints } = await stage.page(link('route'), { viewport: { width: 400, height: 800 }, colorScheme: 'dark' });
     await page.getByRole('slider', { name: 'Step' }).waitFor();
     await eventually(() => wider(page), (pixels) => pixels <= 0);
     expect(await violations(page)).toEqual([]);
     expect(complaints).toEqual([]);
-  });
-});
-
-describe('the time cursor', () => {
-  it('marks a moment in all curves, and the route, the replay and a link show it', async () => {
-    const { page, complaints } = await stage.page(link('training'));
-    await page.getByRole('img', { name: /^SPL/ }).locator('.u-over').click({ position: { x: 150, y: 80 } });
-    await page.waitForFunction(() => /[?&]at=\d+/.test(location.hash));
-    const at = Number(new URLSearchParams(hashOf(page).split('?')[1]).get('at'));
-    expect(at).toBeGreaterThan(0);
-    expect(at).toBeLessThan(run.steps ?? 0);
-    for (const name of [/^Reward/, /^SPL/, /^Entropy/]) await eventually(() => curve(page, name), (label) => /; at [\d.]+k?: .*: −?\d/.test(label));
-    const moment = page.getByRole('group', { name: 'Moment', exact: true });
-    const said = await moment.locator('.hint').innerText();
-    const episodes = Number(/([\d,]+) episodes/.exec(said)?.[1]?.replace(',', ''));
-    expect(await violations(page)).toEqual([]);
-
-    await moment.getByRole('link', { name: 'Route' }).click();
-    await page.locator('.map').waitFor();
-    await expect.poll(() => moment.locator('.hint').innerText()).toBe(said);
-    // The newest training episode that had ended by then.
-    const newest = page.locator('section[aria-label="Episodes of this moment"] tbody tr').first();
-    await newest.waitFor();
-    const { episodes: [last] } = await api<{ episodes: { rowid: number; steps: number }[] }>(stage.url, `runs/${encodeURIComponent(run.id)}/episodes?evaluation=0&limit=1&until=${episodes}`);
-    await eventually(() => page.locator('.transport output').innerText(), (text) => text.endsWith(`/ ${last?.steps}`));
-    const frame = await pictured(page);
-
-    // The address shows the same elsewhere.
-    await page.waitForFunction(() => location.hash.includes('step='));
-    const { page: other } = await stage.page(hashOf(page));
-    expect(await pictured(other)).toBe(frame);
-    await expect.poll(() => other.getByRole('group', { name: 'Moment', exact: true }).locator('.hint').innerText()).toBe(said);
-
-    await page.getByRole('radio', { name: 'Time' }).check({ force: true });
-    await eventually(() => moment.locator('b').innerText(), (text) => /^At [\d.]+ m?s$/.test(text));
-    await expect.poll(() => moment.locator('.hint').innerText()).toBe(said);
-    await moment.getByRole('link', { name: 'Replay' }).click();
-    await page.getByRole('heading', { name: 'Deployment', level: 1 }).waitFor(); // the page before has such a choice, too
-    await page.getByRole('radio', { name: 'Training' }).check({ force: true });
-    await page.locator(`section[aria-label="Replay of episode ${last?.rowid}"]`).waitFor();
-    await page.locator('.pictures').scrollIntoViewIfNeeded(); // pictures out of sight are not fetched
-    expect(await pictured(page)).toBe(frame);
-    await moment.getByRole('button', { name: 'Show all' }).click();
-    await page.locator('section[aria-label^="Replay"]').waitFor({ state: 'detached' });
-    expect(complaints).toEqual([]);
-  });
-
-  it('is moved by keys, and leads to the evaluation before it', async () => {
-    const { page } = await stage.page(link('route', '&kind=evaluation&env=env-winter'));
-    const plot = page.getByRole('img', { name: /^SPL in training/ });
-    await plot.locator('.u-over').waitFor();
-    await plot.focus();
-    for (let i = 0; i < 3; ++i) await page.keyboard.press('ArrowLeft');
-    await page.keyboard.press('Enter');
-    const moment = page.getByRole('group', { name: 'Moment', exact: true });
-    await moment.waitFor();
-    const update = Number(/update (\d+)/.exec(await moment.innerText())?.[1]);
-    const { evaluations } = await api<{ evaluations: Evaluation[] }>(stage.url, `runs/${encodeURIComponent(run.id)}/evaluations`);
-    const before = Math.max(...evaluations.filter((one) => one.traversal === 'winter' && one.policy === 'place_filter' && !one.shuffled && one.update <= update).map((one) => one.update));
-    expect(before).toBeGreaterThan(0);
-    await eventually(() => page.locator('section[aria-label="Route: winter"] .hint').first().innerText(), (text) => text.includes(`update ${before} on winter`));
-    await plot.focus();
-    await page.keyboard.press('Escape');
-    await moment.waitFor({ state: 'detached' });
-    await page.waitForFunction(() => !location.hash.includes('at='));
   });
 });
 

@@ -81,26 +81,6 @@ TEST_F(ApiRunTest, AnswersFromTheStoreWhatNoEnvServiceHasAnyMore) {
   EXPECT_EQ(ask({"frames", "00000000000000ab", "8"}, {{"nearest", "1"}}).status, 503);
 }
 
-TEST_F(ApiRunTest, CountsTrainingEpisodesUpToAMoment) {
-  store_.record(episodes(1, 50));
-  for (std::uint64_t number = 51; number <= 60; ++number) store_.record(std::vector{task(number, 1, true)});
-  store_.record(episodes(61, 100));
-  const auto until = [&](const std::string& count) {
-    return json({"runs", id_, "episodes"}, {{"evaluation", "0"}, {"until", count}, {"limit", "3"}});
-  };
-  for (const auto& [count, total, newest] :
-       {std::tuple("50", 50, 50), {"51", 51, 61}, {"7", 7, 7}, {"5000", 90, 100}}) {
-    const Json answer = until(count);
-    EXPECT_EQ(answer["total"], total) << count;
-    ASSERT_EQ(answer["episodes"].size(), 3u);
-    EXPECT_EQ(answer["episodes"][0]["episode"], newest) << count;
-  }
-  EXPECT_EQ(until("0")["total"], 1) << "before its first episode the first one is the nearest";
-  expect_error(400, "'until'", {"runs", id_, "episodes"}, {{"until", "5"}});
-  expect_error(400, "'until'", {"runs", id_, "episodes"}, {{"until", "5"}, {"evaluation", "1"}});
-  expect_error(400, "'until'", {"runs", id_, "episodes"}, {{"until", "-5"}, {"evaluation", "0"}});
-}
-
 TEST_F(ApiTest, NothingAliveIsNoError) {
   Api alone(options_, store_, nullptr);
   EXPECT_EQ(alone.answer({"GET", {"services"}, {}}).status, 200);
