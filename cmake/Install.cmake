@@ -33,7 +33,6 @@ install(DIRECTORY ${CMAKE_BINARY_DIR}/dashboard/page/ DESTINATION ${CMAKE_INSTAL
   COMPONENT dashboard OPTIONAL)
 install(FILES ${CMAKE_SOURCE_DIR}/tools/lab/charts.py DESTINATION ${tools}/lab)
 install(FILES ${CMAKE_SOURCE_DIR}/tools/vpr/recognition_page.py DESTINATION ${tools}/vpr)
-install(FILES ${CMAKE_SOURCE_DIR}/python/citylearn/forward.py DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/python/citylearn)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/tools/paper/report DESTINATION ${tools}/paper PATTERN __pycache__ EXCLUDE)
 file(GLOB units ${CMAKE_SOURCE_DIR}/compose/systemd/*.service ${CMAKE_SOURCE_DIR}/compose/systemd/*.target)
 list(FILTER units EXCLUDE REGEX citylearn-dashboard)

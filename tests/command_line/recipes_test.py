@@ -51,7 +51,6 @@ ELSEWHERE = {
     "env_service --data CITY --rule street": "tests/unit/env_service/datasets",
     "env_service --data DIR --rule street": "tests/unit/env_service/streets",
     "policy_service --train summer --evaluate summer,fall --controls all": "tests/simulation/services/streets_test.cc",
-    "./run forward": "tests/python/forward_test.py",
     "python3 -m citylearn.lerobot DATASET": "tests/clients/lerobot_test.py",
     "./run data info FOLDER": "tests/clients/lerobot_test.py",
     "./run replay drive --agent": "tests/unit/tools/record",

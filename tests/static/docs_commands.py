@@ -30,7 +30,6 @@ for name, path in PROGRAMS.items():
     KNOWN[name] = text | (options([str(BUILD / path), "--help-all"]) if "--help-all" in text else set())
 KNOWN["demo"] = options([str(SOURCE / "run"), "demo", "--help"]).union(*(KNOWN[name] for name in DEMO))
 KNOWN["again"] = KNOWN["demo"]
-KNOWN["forward"] = options([sys.executable, str(SOURCE / "python/citylearn/forward.py"), "--help"])
 KNOWN["test"] = options([str(SOURCE / "run"), "test", "--help"])
 
 

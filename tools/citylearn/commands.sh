@@ -14,7 +14,7 @@ declare -A PROGRAMS=(
   [vpr]=tools/vpr/citylearn_vpr [export]=tools/export/citylearn_export [paper]=tools/paper/citylearn_paper
   [record]=tools/record/citylearn_record [replay]=tools/record/citylearn_replay [ros2]=tools/ros2/citylearn_ros2
   [teach]=tools/robot/citylearn_teach [simulated-robot]=tools/robot/citylearn_robot)
-COMMANDS=(demo again dashboard env encoder policy data vpr export forward paper record replay robot teach simulated-robot ros2 doctor
+COMMANDS=(demo again dashboard env encoder policy data vpr export paper record replay robot teach simulated-robot ros2 doctor
   help)
 
 say() { printf '%s\n' "$*" >&2; }
@@ -39,7 +39,6 @@ Data and results
   data        lists the supported datasets; checks a folder
   vpr         measures how well encoders recognise places
   export      writes an agent as an ONNX file, with its encoder or alone
-  forward     copies runs to MLflow, Weights & Biases or Trackio
   paper       repeats the paper's experiments on your data
   record      records a run's messages; "replay" plays them again, or a bag to
               an agent
@@ -98,9 +97,6 @@ main() {
       . "$PARTS/completion/complete.sh"
       completions "$@"
       return ;;
-    forward)
-      command -v python3 >/dev/null || fail "forward: python3 is missing (package python3)"
-      exec python3 "$PARTS/../../python/citylearn/forward.py" "$@" ;;
     help|-h|--help) usage; return ;;
     --version) command='env'; set -- --version ;;
     *) [ -n "${PROGRAMS[$command]:-}" ] || fail "unknown command '$command'; there are: ${COMMANDS[*]}" ;;
