@@ -61,7 +61,7 @@ Answer Api::answer(const Query& query) {
     const std::string first = query.path.empty() ? "" : query.path[0];
     const std::size_t depth = query.path.size();
     std::vector<std::string> methods = {"GET"};
-    if (first == "runs" && depth == 2) methods = {"GET", "DELETE", "PATCH"};
+    if (first == "runs" && depth == 2) methods = {"GET", "DELETE"};
     if (std::find(methods.begin(), methods.end(), query.method) == methods.end()) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
       answer.headers.emplace_back("Allow", joined(methods));

@@ -61,7 +61,6 @@ class Api {
   Answer answer_run(const Query& query);
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
-  Answer annotate(const std::string& name, const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row);
   Answer episodes(const RunRow& row, const Query& query);

@@ -62,9 +62,7 @@ Json Api::run_json(const RunRow& row) {
                {"started", row.started},
                {"last", last},
                {"updates", std::max(row.updates, liveness.updates)},
-               {"recorded_episodes", row.recorded},
-               {"tags", row.tags},
-               {"note", row.note}};
+               {"recorded_episodes", row.recorded}};
   const char* const names[] = {"steps", "episodes", "reward", "spl", "wall", "steps_per_second"};
   for (const char* name : names) json[name] = nullptr;
   if (row.newest) {
@@ -94,7 +92,6 @@ Answer Api::answer_run(const Query& query) {
     allow_only(query, {});
     return remove(name);
   }
-  if (query.method == "PATCH") return annotate(name, query);
   std::optional<RunRow> row;
   {
     BorrowedReader reader(*this);

@@ -2,9 +2,7 @@
 #include "dashboard/api/parameters.h"
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 
-#include "core/files/json.h"
 #include "core/util/text.h"
 
 namespace citylearn {
@@ -37,21 +35,6 @@ std::uint64_t parsed_hash(const std::string& text) {
       text.find_first_of("ABCDEF") != text.npos)
     throw RequestError(400, "a hash has 16 hexadecimal digits, '" + text + "' has not");
   return hash;
-}
-
-nlohmann::json object_of(const Query& query, std::initializer_list<const char*> known) {
-  allow_only(query, {});
-  nlohmann::json json;
-  try {
-    json = parse_json(query.body, "the body");
-  } catch (const Error& error) {
-    throw RequestError(400, error.what());
-  }
-  if (!json.is_object()) throw RequestError(400, "the body must be a JSON object of " + joined(known));
-  for (const auto& [name, value] : json.items())
-    if (std::find(known.begin(), known.end(), name) == known.end())
-      throw RequestError(400, "'" + name + "' is not known here (" + joined(known) + ")");
-  return json;
 }
 
 }  // namespace citylearn

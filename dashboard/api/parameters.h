@@ -63,9 +63,6 @@ std::optional<Number> number_parameter(const Query& query, const char* name, Num
   return value;
 }
 
-/// Returns the object in the request's body, which may have the members `known` alone.
-nlohmann::json object_of(const Query& query, std::initializer_list<const char*> known);
-
 /// "0" or "1".
 std::optional<bool> flag_parameter(const Query& query, const char* name);
 

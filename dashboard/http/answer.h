@@ -12,10 +12,9 @@ namespace citylearn {
 
 /// A request to the API, as the server passes it on: authorised, decoded, within limits.
 struct Query {
-  std::string method = "GET";                     ///< "GET", "DELETE", "PATCH"
+  std::string method = "GET";                     ///< "GET", "DELETE"
   std::vector<std::string> path;                  ///< segments behind /api/, percent-decoded: {"runs", ID, "training"}
   std::map<std::string, std::string> parameters;  ///< of the query string, percent-decoded
-  std::string body = "";                          ///< of "PATCH"
 };
 
 /// An answer of the API.

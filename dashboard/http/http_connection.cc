@@ -224,8 +224,6 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     const auto shared = std::make_shared<Query>();  // a Call is copied
     Query& query = *shared;
     if (request.method() == http::verb::delete_) query.method = "DELETE";
-    if (request.method() == http::verb::patch) query.method = "PATCH";
-    if (query.method == "PATCH") query.body = std::move(request.body());
     query.path.assign(target.segments.begin() + 1, target.segments.end());
     query.parameters = target.parameters;
     const Call call = [this, shared] { return context_.handlers.api(*shared); };

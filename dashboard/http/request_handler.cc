@@ -29,11 +29,10 @@ Reply error_reply(int status, const std::string& what) { return {error_answer(st
 std::optional<Reply> RequestHandler::refusal(const RequestHead& head, const std::optional<Target>& target) const {
   if (const auto why = context_.access->foreign(head.credentials)) return error_reply(403, *why);
   const bool api = target && target->segments[0] == "api";
-  const bool changes = head.method == "DELETE" || head.method == "PATCH";
-  const bool known = head.method == "GET" || head.method == "HEAD" || (api && changes);
+  const bool known = head.method == "GET" || head.method == "HEAD" || (api && head.method == "DELETE");
   if (!known) {
     Reply reply = error_reply(405, "the method is not allowed: " + std::string(head.method));
-    reply.answer.headers.emplace_back("Allow", api ? "GET, HEAD, DELETE, PATCH" : "GET, HEAD");
+    reply.answer.headers.emplace_back("Allow", api ? "GET, HEAD, DELETE" : "GET, HEAD");
     return reply;
   }
   if (!target) return error_reply(400, "the path or a parameter of it is not properly percent-encoded UTF-8");

@@ -21,8 +21,6 @@ struct RunRow {
   double started = 0, last = 0;  ///< seconds since 1970
   bool ended = false;
   std::uint64_t updates = 0, recorded = 0;
-  std::vector<std::string> tags;  ///< as people gave them
-  std::string note;               ///< likewise
   /// Figures of its newest recorded update.
   struct Newest {
     std::uint64_t update = 0, steps = 0, episodes = 0;

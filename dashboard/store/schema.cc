@@ -20,7 +20,7 @@ namespace {
 constexpr std::int64_t kApplication = 0x434C4453;  // "CLDS": says whose file it is
 constexpr std::string_view kMagic{"SQLite format 3\0", 16};
 
-constexpr std::int64_t kVersion = 10;  // of kSchema; raise it whenever that changes
+constexpr std::int64_t kVersion = 10;  // of kSchema; raise it whenever it needs what earlier files lack
 
 // Numbers of 64 bits without sign (seeds, hashes) are kept with their bits as SQLite's, which have one.
 const char* const kSchema = R"(
@@ -41,9 +41,7 @@ CREATE TABLE runs (
   started REAL NOT NULL,
   last REAL NOT NULL,                  -- heard of it, at least; written now and then
   ended INTEGER NOT NULL DEFAULT 0,    -- it said so
-  recorded INTEGER NOT NULL DEFAULT 0, -- its rows of `episodes`
-  tags TEXT NOT NULL DEFAULT '',       -- one a line
-  note TEXT NOT NULL DEFAULT ''
+  recorded INTEGER NOT NULL DEFAULT 0  -- its rows of `episodes`
 );
 -- A process of an env_service, whose episodes are numbered from 1 without gaps.
 CREATE TABLE sources (

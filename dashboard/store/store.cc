@@ -198,19 +198,6 @@ void Store::with_database(const std::function<void(SQLite::Database&)>& work) {
   impl_->locked([&] { work(impl_->database); });
 }
 
-bool Store::annotate(const std::string& name, const std::optional<std::vector<std::string>>& tags,
-                     const std::optional<std::string>& note) {
-  std::optional<std::string> lines;
-  if (tags) {
-    lines = "";
-    for (const std::string& tag : *tags) *lines += tag + "\n";
-  }
-  return impl_->locked([&] {
-    return run(impl_->database, "UPDATE runs SET tags = COALESCE(?2, tags), note = COALESCE(?3, note) WHERE name = ?1",
-               name, lines, note) > 0;
-  });
-}
-
 void Store::flush(bool at_once) {
   impl_->locked([&] { impl_->flush(at_once); });
 }

@@ -89,11 +89,6 @@ class Store {
   /// Removes a run and its episodes, in steps that let other writers in between.
   Removal remove(const std::string& name);
 
-  /// Replaces what people wrote about a run, where given: its tags, each of one line, and its note. Returns false when
-  /// there is no such run.
-  bool annotate(const std::string& name, const std::optional<std::vector<std::string>>& tags,
-                const std::optional<std::string>& note);
-
   /// News of a run that is written only every few seconds.
   struct Liveness {
     double last = 0;  ///< message from it, seconds since 1970

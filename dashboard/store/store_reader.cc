@@ -14,7 +14,7 @@ namespace citylearn {
 namespace {
 
 constexpr const char* kRunColumns =
-    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, note "
+    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded "
     "FROM runs ";
 
 /// Returns "SELECT COLUMNS`more` FROM episodes ... WHERE ", the columns being those of an EpisodeRow.
@@ -116,11 +116,8 @@ StoreReader::Impl::Impl(const std::string& file)
 
 RunRow StoreReader::Impl::run_row(const SQLite::Statement& row) {
   RunRow r;
-  std::string tags;
   read_row(row, r.id, r.name, r.session, r.policy, r.seed, r.agent, r.learner, r.started, r.last, r.ended, r.updates,
-           r.recorded, tags, r.note);
-  for (std::size_t begin = 0, end; (end = tags.find('\n', begin)) != tags.npos; begin = end + 1)
-    r.tags.push_back(tags.substr(begin, end - begin));
+           r.recorded);
   if (bind_run(newest, r.id).executeStep()) {
     RunRow::Newest& n = r.newest.emplace(RunRow::Newest());
     read_row(newest, n.update, n.steps, n.episodes, n.wall, n.reward, n.spl, n.steps_per_second);

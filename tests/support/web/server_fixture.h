@@ -141,8 +141,7 @@ class ServerTest : public ::testing::Test {
     }
     if (query.path == std::vector<std::string>{"cached"})
       return {200, "image/jpeg", "jpeg", {{"Cache-Control", "max-age=9"}, {"X-Name", "a\r\nSet-Cookie: b"}}};
-    Json heard = {{"method", query.method}, {"path", query.path}, {"of", query.parameters}};
-    if (!query.body.empty()) heard["body"] = query.body;
+    const Json heard = {{"method", query.method}, {"path", query.path}, {"of", query.parameters}};
     return {200, "application/json", heard.dump(), {}};
   }
   void release() {

@@ -47,12 +47,6 @@ export async function getJson<T>(path: string, abort?: AbortSignal): Promise<T> 
   return (await response.json()) as T;
 }
 
-/** Changes what `path` names; members that are not given stay. */
-export async function patchJson<T>(path: string, change: object): Promise<T> {
-  const response = await request(path, { method: 'PATCH', body: JSON.stringify(change) });
-  return (await response.json()) as T;
-}
-
 /** Returns whether the server answers within 5 s. */
 export async function alive(): Promise<boolean> {
   try {

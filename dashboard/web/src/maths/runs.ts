@@ -7,11 +7,6 @@ export function runName(run: Pick<Run, 'agent' | 'learner' | 'seed' | 'session'>
   return parts.filter(Boolean).join(' · ');
 }
 
-/** Returns the tags that a text has between commas, each once. */
-export function tagsOf(text: string): string[] {
-  return [...new Set(text.split(',').map((tag) => tag.trim()).filter(Boolean))];
-}
-
 /** Returns the mean steps per second over the training so far; null before its first update. */
 export function meanRate(run: Pick<Run, 'steps' | 'wall'>): number | null {
   return run.steps !== null && run.wall ? run.steps / run.wall : null;

@@ -18,7 +18,6 @@ import { useTraining } from '../state/training';
 import { Card, Empty, Failed, IconButton, Select, State, Swatch, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
-import { RunNotes } from '../ui/run_notes';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
 
@@ -119,10 +118,8 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
     setDoomed(null);
     request(runPath(id), { method: 'DELETE' }).catch((cause: unknown) => setError(failure(cause).error));
   };
-  const tags = [...new Set(all.flatMap((run) => run.tags))].sort();
-  const wanted = tags.find((tag) => tag === param('tag', '')) ?? '';
   const find = param('find', '').toLowerCase();
-  const rows = all.filter((run) => (!wanted || run.tags.includes(wanted)) && `${runName(run)} ${run.id}`.toLowerCase().includes(find));
+  const rows = all.filter((run) => `${runName(run)} ${run.id}`.toLowerCase().includes(find));
   const listed = whole ? rows : rows.filter((run, i) => i < MAX_ROWS || selected.includes(run));
   const columns: Column<Run>[] = [
     {
@@ -146,14 +143,6 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
     figure('wall', 'Time', duration),
     figure('reward', 'Reward', threeDecimals),
     figure('spl', 'SPL', threeDecimals),
-    {
-      key: 'tags',
-      label: 'Tags and note',
-      wide: true,
-      show: (run) => <RunNotes run={run} name={runName(run)} />,
-      cell: (run) => run.tags.join(', '),
-    },
-    { ...text('note', 'Note'), hidden: true },
     {
       key: 'remove',
       label: 'Remove',
@@ -190,23 +179,11 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
         )
       }
     >
-      {(tags.length > 0 || all.length > MAX_ROWS) && (
-        <div class="wrap">
-          {tags.length > 0 && (
-            <Select
-              label="Tag"
-              value={wanted}
-              options={[{ value: '', label: 'All runs' }, ...tags.map((tag) => ({ value: tag, label: tag }))]}
-              onChange={(tag) => setParams({ tag: tag || null })}
-            />
-          )}
-          {all.length > MAX_ROWS && (
-            <label class="field hint">
-              <span>Find runs</span>
-              <input type="search" value={param('find', '')} onInput={(event) => setParams({ find: event.currentTarget.value || null })} />
-            </label>
-          )}
-        </div>
+      {all.length > MAX_ROWS && (
+        <label class="field hint">
+          <span>Find runs</span>
+          <input type="search" value={param('find', '')} onInput={(event) => setParams({ find: event.currentTarget.value || null })} />
+        </label>
       )}
       {error && <Failed error={error} />}
     </TableCard>

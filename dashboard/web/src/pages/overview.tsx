@@ -4,7 +4,7 @@ import { runPath } from '../api/client';
 import type { Evaluation, Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
-import { meanRate, runName } from '../maths/runs';
+import { meanRate } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
 import { known } from '../maths/seeds';
 import { useJson, valueOf } from '../state/resource';
@@ -12,7 +12,6 @@ import { hrefOf } from '../state/router';
 import { about, alarmedServices, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
 import { useTraining } from '../state/training';
 import { Card, Empty, Show, State, toneOf } from '../ui/basics';
-import { RunNotes } from '../ui/run_notes';
 import { Spark } from '../ui/spark';
 import { figure, SaveTable, TableCard, text, type Column } from '../ui/table';
 import { SplTable } from './deployment';
@@ -147,7 +146,6 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
       <p class="hint">
         {[run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`].filter(Boolean).join(' · ')}
       </p>
-      <RunNotes run={run} name={runName(run)} />
       {rows && rows.length > 1 && (
         <Spark curve={curveOf(rows, { metric: 'spl', x: 'steps', smoothing: 0.9 })} low={0} high={1} />
       )}

@@ -45,12 +45,6 @@ export function reload(): void {
   void load('api/events?limit=200', events, (answer: { events: ServiceEvent[] }) => answer.events);
 }
 
-/** Shows a run as the server has just answered it. */
-export function replaceRun(run: Run): void {
-  if (runs.value.state !== 'ready') return;
-  runs.value = { state: 'ready', value: runs.value.value.map((one) => (one.id === run.id ? { ...one, ...run } : one)) };
-}
-
 export function start(): void {
   live.watch('services', (frame) => {
     services.value = { state: 'ready', value: seen(jsonPayload<Services>(frame)) };

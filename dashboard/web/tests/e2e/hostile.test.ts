@@ -42,7 +42,7 @@ beforeAll(async () => {
 const OWN = ['columns', 'hash', 'incarnation', 'kind', 'mode', 'state', 'type'];
 const CONTROL = 'sequence_filter';
 /** What has no text in the city. */
-const TEXTLESS = { tags: ['tag'], note: 'note', alarm: 'checkpoint: No space left on device' };
+const TEXTLESS = { alarm: 'checkpoint: No space left on device' };
 
 /** Returns a JSON of the dashboard with the mark before each text of services and files, also in names of options. */
 function marked(json: unknown, mark: string, key = ''): unknown {
@@ -51,16 +51,16 @@ function marked(json: unknown, mark: string, key = ''): unknown {
   if (Array.isArray(json)) return json.map((one) => marked(one, mark, key));
   if (json === null || typeof json !== 'object') return json;
   const before = key === 'parameters' ? mark : '';
-  return Object.fromEntries(Object.entries(json).map(([name, one]) => [before + name, marked(name in TEXTLESS ? TEXTLESS[name as 'note'] : one, mark, name)]));
+  return Object.fromEntries(Object.entries(json).map(([name, one]) => [before + name, marked(name in TEXTLESS ? TEXTLESS[name as 'alarm'] : one, mark, name)]));
 }
 
 /** Each page, and where a text from elsewhere stands on it: in an element or in one of its attributes. */
 const VIEWS: [page: string, hash: (mark: string) => string, places: string[]][] = [
-  ['overview', () => 'overview', ['.run-card h3', '.run-card .hint', '.run-card .tag', '.run-note', '.run-card nav', 'tbody th', 'td:nth-child(2)', 'td:nth-child(4)', '.alarm', 'td:nth-child(8)', 'td:nth-child(10)', 'td:last-child', '.event b + span', '.version']],
+  ['overview', () => 'overview', ['.run-card h3', '.run-card .hint', '.run-card nav', 'tbody th', 'td:nth-child(2)', 'td:nth-child(4)', '.alarm', 'td:nth-child(8)', 'td:nth-child(10)', 'td:last-child', '.event b + span', '.version']],
   ['training', (mark) => `training?runs=${encodeURIComponent(mark + run)}`, ['.picker-list b', '[role=img]', '.tooltip span', '.legend li']],
   ['route', () => 'route', ['h2', '.card-head .hint', 'option', '.map', '.picture figcaption', '.picture img']],
   ['deployment', (mark) => `deployment?run=${encodeURIComponent(mark + run)}&episode=${rowid}`, ['h2', 'option', '.player .map', '.card-head .hint', 'thead + tbody th', '#episodes td', '.legend li', '[role=img]']],
-  ['compare', () => 'compare', ['.tag', '.run-note', 'option', '.path', 'tbody th', 'tbody td', 'thead th', '.legend li', '[role=img]']],
+  ['compare', () => 'compare', ['option', '.path', 'tbody th', 'tbody td', 'thead th', '.legend li', '[role=img]']],
 ];
 
 /** Returns the places where no text has the mark. */

@@ -152,41 +152,6 @@ describe('compare', () => {
     await manifests.getByText('parameters.learner.clip').waitFor();
   });
 
-  it('keeps tags and a note of a run, and shows the runs of a tag', async () => {
-    const { page, complaints } = await stage.page('compare');
-    const rows = page.locator('section[aria-label="Runs"] tbody tr');
-    await rows.first().waitFor();
-    const count = await rows.count();
-    const row = rows.nth(runs.findIndex((run) => run.policy === 'spare'));
-    const hack = '<img src=x onerror="window.hacked=1">';
-    await row.getByRole('button', { name: /^Tags and note of/ }).click();
-    await row.getByLabel('Tags, with commas between them').fill(`short, ${hack}, short`);
-    await row.getByLabel('Note').fill('gamma 0.95,\ntoo few steps');
-    expect(await violations(page)).toEqual([]);
-    await row.getByRole('button', { name: 'Save' }).click();
-    await row.locator('.run-note').waitFor();
-    await expect.poll(() => row.locator('.tag').allInnerTexts()).toEqual(['short', hack]);
-    await page.locator('section[aria-label="Runs"] select').selectOption('short');
-    await eventually(() => rows.count(), (now) => now === 1);
-    // The address shows the same elsewhere, and the server has it.
-    await page.waitForFunction(() => location.hash.includes('tag=short'));
-    const { page: other } = await stage.page(hashOf(page));
-    const there = other.locator('section[aria-label="Runs"] tbody tr');
-    await eventually(() => there.count(), (now) => now === 1);
-    await expect.poll(() => there.locator('.run-note').innerText()).toBe('gamma 0.95,\ntoo few steps');
-    // What the server refuses is told, and nothing is lost.
-    await there.getByRole('button', { name: /^Tags and note of/ }).click();
-    await there.getByLabel('Tags, with commas between them').fill('x'.repeat(65));
-    await there.getByRole('button', { name: 'Save' }).click();
-    await there.locator('.failed', { hasText: "'tags' must be" }).waitFor();
-    await there.getByLabel('Tags, with commas between them').fill('');
-    await there.getByLabel('Note').fill('');
-    await there.getByRole('button', { name: 'Save' }).click();
-    await eventually(() => rows.count(), (now) => now === count);
-    expect(await page.evaluate(() => (window as unknown as { hacked?: number }).hacked ?? null)).toBeNull();
-    expect(complaints).toEqual([]);
-  });
-
   it('names the files of the chosen runs, to be copied', async () => {
     const { page } = await stage.page(`compare?runs=${idOf('spare')}`);
     const files = page.locator('section[aria-label="Files"]');

@@ -3,7 +3,7 @@ import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
 import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
 import { groupRuns, namesakes, preferredGroup, settingsOf } from '../../src/maths/groups';
-import { meanRate, preferredRun, runName, tagsOf } from '../../src/maths/runs';
+import { meanRate, preferredRun, runName } from '../../src/maths/runs';
 import { artefactsOf, compareManifests } from '../../src/maths/manifest';
 import { beliefText, routePart, sameTraversal, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
@@ -169,11 +169,6 @@ describe('files of a run', () => {
   it('are no options', () => {
     expect(settingsOf({ agent: 'a', artefacts })).toBe(settingsOf({ agent: 'a' }));
   });
-});
-
-it('tags stand between commas, each once', () => {
-  expect(tagsOf(' a, b c ,,a,')).toEqual(['a', 'b c']);
-  expect(tagsOf('')).toEqual([]);
 });
 
 it('traversals of equal contents are two', () => {

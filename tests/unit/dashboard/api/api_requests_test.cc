@@ -154,7 +154,20 @@ TEST_F(ApiRunTest, WrongRequestsAreToldWhatIsWrong) {
   expect_error(404, "run 'nobody' not found", {"runs", "nobody"});
   expect_error(405, "POST", {"runs"}, {}, "POST");
   expect_error(405, "DELETE", {"events"}, {}, "DELETE");
-  EXPECT_EQ(ask({"runs", id_}, {}, "PUT").headers.at(0).second, "GET, DELETE, PATCH");
+  EXPECT_EQ(ask({"runs", id_}, {}, "PUT").headers.at(0).second, "GET, DELETE");
+}
+
+TEST_F(ApiTest, ARunOfARecordingGoesOnWhileItsPolicyServiceIsHeard) {
+  store_.record(run_info());
+  options_.replays = true;
+  options_.silence = -1;
+  const auto state = [&] { return Api(options_, store_, &live_).runs()["runs"][0]["state"]; };
+  EXPECT_EQ(state(), "lost") << "its policy_service was never heard";
+  live_.policy = true;
+  EXPECT_EQ(state(), "running") << "however long ago that was: the recording may be slow";
+  options_.silence = 5;
+  live_.policy = false;
+  EXPECT_EQ(state(), "lost");
 }
 
 TEST_F(ApiRunTest, ManyAskAtOnceWhileItIsWritten) {

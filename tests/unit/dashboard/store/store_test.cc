@@ -362,23 +362,6 @@ TEST_F(StoreTest, KeepsAnOlderFileAsideAndBeginsANewOne) {
   EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), 3) << "neither is lost";
 }
 
-TEST_F(StoreTest, KeepsWhatPeopleWroteAboutARun) {
-  const std::string name = run_id(run_info());
-  const std::vector<std::string> tags = {"night", "caf\xC3\xA9 \"3\""};
-  {
-    Store store(options());
-    EXPECT_FALSE(store.annotate(name, tags, "a note")) << "there is no such run yet";
-    store.record(run_info());
-    EXPECT_TRUE(store.annotate(name, tags, {}));
-    EXPECT_TRUE(store.annotate(name, {}, "a note"));
-  }
-  Store store(options());
-  store.record(run_info(3, 501, 2));  // resumed
-  const RunRow run = StoreReader(path_).run(name).value();
-  EXPECT_EQ(run.tags, tags);
-  EXPECT_EQ(run.note, "a note");
-}
-
 TEST_F(StoreTest, AddsTheColumnOfAFigureThatIsNewerThanTheFile) {
   { const Store store(options()); }
   open_database(path_, SQLite::OPEN_READWRITE).exec("ALTER TABLE training DROP COLUMN entropy");
