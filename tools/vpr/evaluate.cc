@@ -309,7 +309,6 @@ class Evaluation {
     const Interval recall = wilson_interval(recall_at(found, 1) * answerable, answerable);
     const Interval auc = auc_interval(found, options_.matching.seed);
     row.curve = precision_recall(found);
-    row.roc = roc(found);
     row.facts.update({{"method", method.name()},
                       {"query", queries_[index].name},
                       {"condition", queries_[index].condition},
@@ -325,7 +324,6 @@ class Evaluation {
                       {"auc", row.curve.auc},
                       {"auc_interval", {auc.low, auc.high}},
                       {"recall_at_full_precision", row.curve.recall_at_full_precision},
-                      {"roc_auc", row.roc.auc},
                       {"encode_seconds", encoding},
                       {"seconds", seconds}});
     if (stop_requested()) throw lab::Stopped{};

@@ -99,8 +99,8 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->excludes("--matches");
   app.add_option(
          "--output", options.output,
-         "Folder for index.html and what it shows: results.csv, results.json, curves.json, pr-*.svg, roc-*.svg, "
-         "matches-*.jpg, similarity-*.png (runs/vpr-TIME)")
+         "Folder for index.html and what it shows: results.csv, results.json, curves.json, pr-*.svg, matches-*.jpg, "
+         "similarity-*.png (runs/vpr-TIME)")
       ->type_name("DIR");
   app.add_flag("--no-pictures", line.no_pictures, "Do not write matches-*.jpg and similarity-*.png");
   app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false);

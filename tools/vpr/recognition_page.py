@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws precision over recall and ROC curves and writes index.html, from the results.json and curves.json of citylearn vpr."""
+"""Draws precision over recall and writes index.html, from the results.json and curves.json of citylearn vpr."""
 
 import html
 import json
@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "lab"))
 import charts
 
 COLUMNS = {"encoder": "encoder", "dimension": "dimension", "centring": "centring", "method": "method", "query": "query",
-           "recall_1": "recall@1", "recall_5": "recall@5", "recall_20": "recall@20", "auc": "AUC", "roc_auc": "ROC AUC"}
+           "recall_1": "recall@1", "recall_5": "recall@5", "recall_20": "recall@20", "auc": "AUC"}
 
 
 def name_of(row: dict) -> str:
@@ -28,20 +28,13 @@ def precision_recall(curve: dict) -> charts.Line:
     return charts.Line(label, [0, *recall], [*precision[:1], *precision]) if recall else charts.Line(label)
 
 
-def roc(curve: dict) -> charts.Line:
-    return charts.Line(f"{name_of(curve)}, area {area(curve['roc_auc'])}", curve["false_positive"],
-                       curve["true_positive"])
-
-
 def draw(folder: Path, reference: str, curves: list[dict]) -> list[str]:
     """Returns the names of the charts' files."""
     plots: dict[str, charts.Chart] = {}
     for curve in curves:
         title = f"{reference} as reference, {curve['query']} as query, {curve['method']}"
-        for file, labels, line in ((curve["file"], ("recall", "precision"), precision_recall(curve)),
-                                   (curve["roc_file"], ("wrong answers accepted", "right answers accepted"), roc(curve))):
-            chart = charts.Chart(title, *labels, x_limits=(0, 1), y_limits=(0, 1))
-            plots.setdefault(file, chart).lines.append(line)
+        chart = charts.Chart(title, "recall", "precision", x_limits=(0, 1), y_limits=(0, 1))
+        plots.setdefault(curve["file"], chart).lines.append(precision_recall(curve))
     for file, chart in plots.items():
         charts.save(charts.draw_chart(chart), folder / file)
     return list(plots)

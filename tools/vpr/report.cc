@@ -42,19 +42,18 @@ std::string dumped(const Json& json, int indent) {
 
 std::string table(const std::vector<Row>& rows) {
   std::vector<std::vector<std::string>> cells = {{"encoder", "dim", "centring", "method", "query", "R@1", "(95 %)",
-                                                  "R@5", "R@10", "R@20", "AUC", "(95 %)", "ROC", "encode s",
-                                                  "match s"}};
+                                                  "R@5", "R@10", "R@20", "AUC", "(95 %)", "encode s", "match s"}};
   for (const Row& row : rows) {
     std::vector<std::string>& line = cells.emplace_back();
     for (const char* name :
          {"encoder", "dimension", "centring", "method", "query", "recall_1", "recall_1_interval", "recall_5",
-          "recall_10", "recall_20", "auc", "auc_interval", "roc_auc", "encode_seconds", "seconds"}) {
+          "recall_10", "recall_20", "auc", "auc_interval", "encode_seconds", "seconds"}) {
       const Json& fact = row.facts[name];
       const auto figure = [](const Json& of) { return number(of.get<double>(), "{:.3f}"); };
       line.push_back(fact.is_string()          ? fact.get<std::string>()
                      : fact.is_array()         ? figure(fact[0]) + "-" + figure(fact[1])
                      : !fact.is_number_float() ? fact.dump()
-                     : line.size() < 13        ? figure(fact)
+                     : line.size() < 12        ? figure(fact)
                                                : number(fact.get<double>(), "{:.1f}"));
     }
   }
@@ -118,7 +117,6 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
         {"auc",
          "area under precision over recall of the best answers, sorted by confidence, equal confidences one "
          "threshold, trapezoids from recall 0 (with the first precision) to the last recall"},
-        {"roc_auc", "the chance that a right answer has more confidence than a wrong one"},
         {"auc_interval", "95 %, circular block bootstrap over queries, blocks of sqrt(Q), 500 resamples"}}},
       {"rows", Json::array()}};
   for (const Row& row : rows) json["rows"].push_back(row.facts);
@@ -128,16 +126,11 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
 std::string curves_json(const std::vector<Row>& rows) {
   Json json = {{"curves", Json::array()}};
   for (const Row& row : rows) {
-    Json curve = {{"recall", thinned(row.curve.recall)},
-                  {"precision", thinned(row.curve.precision)},
-                  {"false_positive", thinned(row.roc.false_positive)},
-                  {"true_positive", thinned(row.roc.true_positive)}};
-    for (const char* name : {"encoder", "dimension", "centring", "method", "query", "auc", "roc_auc"})
+    Json curve = {{"recall", thinned(row.curve.recall)}, {"precision", thinned(row.curve.precision)}};
+    for (const char* name : {"encoder", "dimension", "centring", "method", "query", "auc"})
       curve[name] = row.facts[name];
-    const std::string file = slug(row.facts["query"]) + "-" + slug(row.facts["method"]) + ".svg";
-    curve["file"] = "pr-" + file;
+    curve["file"] = "pr-" + slug(row.facts["query"]) + "-" + slug(row.facts["method"]) + ".svg";
     if (!row.matches.empty()) curve["matches"] = row.matches;
-    curve["roc_file"] = "roc-" + file;
     json["curves"].push_back(std::move(curve));
   }
   return dumped(json, -1);

@@ -17,7 +17,6 @@ struct Row {
   /// matching.
   nlohmann::ordered_json facts;
   PrecisionRecall curve;
-  Roc roc;
   std::string matches;  ///< file of the picture that shows some; empty: none
 };
 
@@ -28,9 +27,8 @@ std::string results_csv(const std::vector<Row>& rows);
 /// Returns JSON with facts about all rows, the meaning of the figures, and the rows.
 std::string results_json(const Options& options, const std::vector<Row>& rows);
 
-/// Returns precision over recall and true over false positives, at most 2,000 points a row: {"curves": [{encoder ..
-/// query, recall, precision, file, false_positive, true_positive, roc_file}]}, with the names of the pictures that show
-/// the curves.
+/// Returns precision over recall, at most 2,000 points a row: {"curves": [{encoder .. query, auc, recall, precision,
+/// file}]}, with the name of the picture that shows the curve.
 std::string curves_json(const std::vector<Row>& rows);
 
 /// Returns the row as part of a file's name: "hog-64-own-winter-nearest".

@@ -146,25 +146,6 @@ PrecisionRecall precision_recall(const Answers& answers) {
   return weighted_curve(answers, surest_first(answers), std::vector<int>(answers.rank.size(), 1));
 }
 
-Roc roc(const Answers& answers) {
-  const std::vector<int> order = surest_first(answers);
-  const auto is_right = [&](int query) { return answers.rank[query] == 0; };
-  const auto all_right = static_cast<double>(std::count_if(order.begin(), order.end(), is_right));
-  const double all_wrong = static_cast<double>(order.size()) - all_right;
-  if (all_right == 0 || all_wrong == 0) return {};
-  Roc curve{{0}, {0}, 0};
-  double right = 0, wrong = 0;
-  for (std::size_t i = 0; i < order.size();) {
-    const float confidence = answers.confidence[order[i]];
-    for (; i < order.size() && answers.confidence[order[i]] == confidence; ++i) (is_right(order[i]) ? right : wrong)++;
-    const double x = wrong / all_wrong, y = right / all_right;
-    curve.auc += (x - curve.false_positive.back()) * (y + curve.true_positive.back()) / 2;
-    curve.false_positive.push_back(x);
-    curve.true_positive.push_back(y);
-  }
-  return curve;
-}
-
 Interval auc_interval(const Answers& answers, std::uint64_t seed, int resamples) {
   const int queries = answers.queries();
   if (queries == 0 || resamples < 1) return {};

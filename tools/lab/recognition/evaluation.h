@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <limits>
 #include <utility>
 #include <vector>
 
@@ -73,15 +72,6 @@ struct PrecisionRecall {
   double recall_at_full_precision = 0;
 };
 PrecisionRecall precision_recall(const Answers& answers);
-
-/// Shares of the wrong and of the right answers that have at least this confidence, from (0, 0) to (1, 1), one point
-/// per distinct confidence (receiver operating characteristic).
-struct Roc {
-  std::vector<double> false_positive, true_positive;
-  /// Area under it: the chance that a right answer is surer than a wrong one; NaN when all are right or all wrong.
-  double auc = std::numeric_limits<double>::quiet_NaN();
-};
-Roc roc(const Answers& answers);
 
 /// 95 % of the AUC, by resampling queries in circular blocks of about sqrt(Q) neighbours, as neighbours are alike
 /// (circular block bootstrap: Politis & Romano, 1992; percentiles).

@@ -158,16 +158,6 @@ TEST(PrecisionRecallCurve, Ends) {
   EXPECT_EQ(precision_recall({}).auc, 0);
 }
 
-TEST(RocCurve, ByHandAndEnds) {
-  const Roc curve = roc(made({{0.6f, true}, {0.9f, true}, {0.6f, false}, {0.1f, false}, {0.7f, false}}));
-  const double third = 1 / 3.0;
-  EXPECT_EQ(curve.false_positive, (std::vector<double>{0, 0, third, 2 * third, 1}));
-  EXPECT_EQ(curve.true_positive, (std::vector<double>{0, 0.5, 0.5, 1, 1}));
-  EXPECT_NEAR(curve.auc, (0.5 + 0.75 + 1) / 3, 1e-12);
-  EXPECT_TRUE(std::isnan(roc(made({{1, true}, {2, true}})).auc));
-  EXPECT_TRUE(std::isnan(roc({}).auc));
-}
-
 TEST(Intervals, WilsonAsPublished) {
   // Newcombe, Statistics in Medicine 17 (1998), table I, method 3.
   const auto near = [](Interval interval, double low, double high) {

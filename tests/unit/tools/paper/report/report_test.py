@@ -114,21 +114,19 @@ class ThePage(TemporaryFolder):
     def test_recognition_has_a_page_and_curves_for_each_query_and_method(self) -> None:
         curve = {"encoder": "hog", "dimension": 64, "centring": "own", "method": "csls+sequence", "query": "./night",
                  "file": "pr---night-csls-sequence.svg", "auc": 0.5, "recall": [0.5, 1], "precision": [1, 0.5],
-                 "roc_file": "roc---night-csls-sequence.svg", "roc_auc": 0.75, "false_positive": [0, 0.5, 1],
-                 "true_positive": [0, 1, 1], "matches": "matches-a.jpg"}
-        row = {**dict.fromkeys(recognition_page.COLUMNS, 0.125), "query": "<night>", "roc_auc": None}
+                 "matches": "matches-a.jpg"}
+        row = {**dict.fromkeys(recognition_page.COLUMNS, 0.125), "query": "<night>", "recall_5": None}
         results = {"reference": "day", "ground_truth": "frames within 5 m", "command": "vpr", "rows": [row]}
         (self.folder / "results.json").write_text(json.dumps(results))
-        empty = {**curve, "recall": [], "precision": [], "roc_auc": None, "false_positive": [], "true_positive": []}
+        empty = {**curve, "recall": [], "precision": []}
         del empty["matches"]
         (self.folder / "curves.json").write_text(json.dumps({"curves": [curve, empty]}))
         recognition_page.main(self.folder)
         svg = (self.folder / "pr---night-csls-sequence.svg").read_text()
         self.assertIn("day as reference, ./night as query, csls+sequence", svg)
         self.assertIn("hog 64, own, AUC 0.500", svg)
-        self.assertIn("hog 64, own, area 0.750", (self.folder / "roc---night-csls-sequence.svg").read_text())
         html = (self.folder / "index.html").read_text()
-        for part in ("&lt;night&gt;", "frames within 5 m", "<td>-</td>", 'src="pr---night', 'src="roc---night'):
+        for part in ("&lt;night&gt;", "frames within 5 m", "<td>-</td>", 'src="pr---night'):
             self.assertIn(part, html)
         self.assertEqual(html.count('src="matches-a.jpg"'), 1)
 
