@@ -13,8 +13,7 @@ import { TrainingPage } from './pages/training';
 import { valueOf } from './state/resource';
 import { hrefOf, PAGES, place, type PageName } from './state/router';
 import { about, alarmedServices, lostServices, now } from './state/shared';
-import { theme, type Theme } from './state/theme';
-import { classes, Guard, Icon, IconButton, toneOf, type IconName } from './ui/basics';
+import { classes, Guard, Icon, toneOf, type IconName } from './ui/basics';
 
 const CONTENTS: Record<PageName, { title: string; Body: () => JSX.Element }> = {
   overview: { title: 'Overview', Body: Overview },
@@ -102,7 +101,6 @@ function Side({ page }: { page: PageName }): JSX.Element {
       </nav>
       <div class="row between side-foot">
         <Link />
-        <ThemeSwitch />
         {server && (
           <p class="fine version">
             {server.version} · {server.vendor}
@@ -137,17 +135,6 @@ function Link(): JSX.Element {
       )}
     </p>
   );
-}
-
-const THEMES: Record<Theme, { name: string; icon: IconName; next: Theme }> = {
-  auto: { name: 'as the system', icon: 'auto', next: 'light' },
-  light: { name: 'light', icon: 'sun', next: 'dark' },
-  dark: { name: 'dark', icon: 'moon', next: 'auto' },
-};
-
-function ThemeSwitch(): JSX.Element {
-  const { name, icon, next } = THEMES[theme.value];
-  return <IconButton icon={icon} label={`Colours: ${name}. Change to ${THEMES[next].name}`} onClick={() => (theme.value = next)} />;
 }
 
 /** Shows how old the content is, and when the next attempt to connect is. */

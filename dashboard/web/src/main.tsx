@@ -7,9 +7,7 @@ import './styles/pages.css';
 import { render } from 'preact';
 import { App } from './app';
 import { start } from './state/shared';
-import { startTheme } from './state/theme';
 
-startTheme();
 start();
 const root = document.getElementById('app');
 if (root) render(<App />, root);

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
-import { useMemo, useState } from 'preact/hooks';
+import { useState } from 'preact/hooks';
 import { request, runPath } from '../api/client';
 import type { Evaluation, Run, RunDetail } from '../api/types';
-import { curveOf, type Line } from '../maths/curves';
 import { newest } from '../maths/evaluations';
-import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
+import { dateTime, duration, fixed, integer, percent, plural, short, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
 import { artefactsOf, compareManifests, type Fact } from '../maths/manifest';
 import { isKnown, meanRate, runName } from '../maths/runs';
@@ -13,11 +12,8 @@ import { deviation, known, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
 import { failure, useJsons, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
-import { seriesColour } from '../state/theme';
-import { useTraining } from '../state/training';
-import { Card, Empty, Failed, IconButton, Select, State, Swatch, Tick } from '../ui/basics';
-import { Chart } from '../ui/chart';
-import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
+import { Card, Empty, Failed, IconButton, State, Tick } from '../ui/basics';
+import { Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
 
@@ -49,10 +45,7 @@ function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
       <Groups all={all} />
       <Index all={all} selected={selected} />
       {selected.length > 0 ? (
-        <>
-          <Curves selected={selected} />
-          <SideBySide selected={selected} />
-        </>
+        <SideBySide selected={selected} />
       ) : (
         <Card title="Side by side">
           <Empty title="Choose runs above" />
@@ -129,7 +122,6 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
         const at = selected.indexOf(run);
         return (
           <Tick checked={at >= 0} disabled={at < 0 && selected.length >= MAX_RUNS} onChange={() => toggle(run.id)}>
-            {at >= 0 && <Swatch colour={seriesColour(at)} />}
             {runName(run)}
           </Tick>
         );
@@ -190,51 +182,6 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
   );
 }
 
-const SPL = { value: 'spl', label: 'SPL' };
-const METRICS = [
-  SPL,
-  { value: 'reward', label: 'Reward' },
-  { value: 'episode_length', label: 'Episode length, steps' },
-  { value: 'entropy', label: 'Entropy, nats' },
-  { value: 'steps_per_second', label: 'Steps per second' },
-];
-
-function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
-  const metric = METRICS.find((one) => one.value === param('metric', SPL.value)) ?? SPL;
-  const x = chosen(AXIS);
-  const training = useTraining(selected.map((run) => run.id));
-  const versions = selected.map((run) => training.get(run.id)?.version ?? 0).join();
-  const lines: Line[] = useMemo(
-    () =>
-      selected.flatMap((run, i) => {
-        const rows = training.get(run.id)?.rows;
-        return rows?.length
-          ? [{ key: run.id, label: runName(run), colour: seriesColour(i), ...curveOf(rows, { metric: metric.value, x, smoothing: 0.9 }) }]
-          : [];
-      }),
-    [versions, selected.map((run) => run.id).join('\n'), metric.value, x],
-  );
-  return (
-    <div class="stack">
-      <div class="wrap card">
-        <Select label="Figure" value={metric.value} options={METRICS} onChange={(value) => setParams({ metric: value })} />
-        <Choice of={AXIS} />
-      </div>
-      <Chart
-        title={metric.label}
-        hint="smoothing 0.90"
-        name="compare"
-        {...axisProps(x)}
-        yLabel={metric.label}
-        format={metric.value === 'steps_per_second' ? short : significant}
-        lines={lines}
-        height={300}
-        legend
-      />
-    </div>
-  );
-}
-
 interface RunFile {
   run: string;
   host: string;
@@ -244,25 +191,8 @@ interface RunFile {
 const FILES: Column<RunFile>[] = [
   text('run', 'Run'),
   text('host', 'Host'),
-  { ...text('path', 'Path'), show: (file) => <Path path={file.path} /> },
+  { ...text('path', 'Path'), show: (file) => <code class="path">{file.path}</code> },
 ];
-
-/** A path to be copied. Browsers let a page copy only if it came from this machine or over HTTPS. */
-function Path({ path }: { path: string }): JSX.Element {
-  const [copied, setCopied] = useState(false);
-  const copy = (): void => void navigator.clipboard.writeText(path).then(() => setCopied(true));
-  return (
-    <span class="row">
-      <code class="path">{path}</code>
-      {window.isSecureContext && <IconButton icon="copy" label={`Copy ${path}`} onClick={copy} />}
-      {copied && (
-        <span class="hint" role="status">
-          copied
-        </span>
-      )}
-    </span>
-  );
-}
 
 function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
   const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)), selected.map((run) => run.state).join());
@@ -326,14 +256,6 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
         <div class="wrap">
           <Choice of={FIGURES} />
         </div>
-        <ul class="legend">
-          {selected.map((run, i) => (
-            <li key={run.id} class="row">
-              <Swatch colour={seriesColour(i)} />
-              {runName(run)}
-            </li>
-          ))}
-        </ul>
       </TableCard>
       <TableCard
         title="Manifests"

@@ -139,9 +139,6 @@ const ICONS = {
   deployment: 'M5 21V4h11l-2 4 2 4H5',
   compare: 'M8 4v16M16 4v16M4 8h4M16 8h4M4 14h4M16 14h4',
   alert: 'M12 4 2.5 20h19zM12 10v4M12 17h.01',
-  sun: 'M12 8a4 4 0 1 0 0 8a4 4 0 1 0 0-8M12 2v2M12 20v2M2 12h2M20 12h2M5 5l1.4 1.4M17.6 17.6 19 19M5 19l1.4-1.4M17.6 6.4 19 5',
-  moon: 'M20 14.5A8.5 8.5 0 0 1 9.5 4a8.5 8.5 0 1 0 10.5 10.5z',
-  auto: 'M12 3a9 9 0 1 0 0 18zM12 3a9 9 0 0 1 0 18',
   table: 'M4 5h16v14H4zM4 10h16M4 14.5h16M10 10v9',
   chart: 'M4 19h16M6 16l4-5 4 3 5-8',
   save: 'M12 4v10M8 10l4 4 4-4M5 19h14',
@@ -150,7 +147,6 @@ const ICONS = {
   plus: 'M12 5v14M5 12h14',
   minus: 'M5 12h14',
   home: 'M4 12l8-7 8 7M6 11v8h12v-8',
-  copy: 'M9 9h11v11H9zM15 9V4H4v11h5',
   trash: 'M5 7h14M9 7V4h6v3M7 7l1 13h8l1-13',
 } as const;
 export type IconName = keyof typeof ICONS;

@@ -6,7 +6,7 @@ import { download, fileName } from '../maths/csv';
 import type { Line } from '../maths/curves';
 import { short, significant } from '../maths/format';
 import { lowerBound, type Range } from '../maths/seeds';
-import { colour as colourOf, shown } from '../state/theme';
+import { colour as colourOf, isDark } from '../state/theme';
 import { Card, Empty, IconButton, Swatch } from './basics';
 import { align, ChartTable, chartCsv } from './chart_table';
 import { useSize, useVisible } from './use';
@@ -117,7 +117,7 @@ function Plot(props: PlotProps): JSX.Element {
   const current = useRef<Current | null>(null);
   const data = useMemo(() => (visible ? dataOf(lines) : null), [lines, visible]);
   const structure = JSON.stringify([
-    shown.value,
+    isDark.value,
     height,
     props.sync,
     xLabel,

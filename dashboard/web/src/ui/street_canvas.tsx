@@ -3,14 +3,14 @@ import type { JSX } from 'preact';
 import { useLayoutEffect, useRef } from 'preact/hooks';
 import type { View } from '../maths/geometry';
 import { visibleStreets, type StreetPlane } from '../maths/streets';
-import { colour, shown } from '../state/theme';
+import { colour, isDark } from '../state/theme';
 
 const DETAIL = 1.5; // pixels: corners that are nearer are not drawn
 
 /** Draws streets beneath a map. On a canvas, and each by itself: one path of a whole city takes ten times as long. */
 export function StreetCanvas({ plane, view, width, height }: { plane: StreetPlane; view: View; width: number; height: number }): JSX.Element {
   const canvas = useRef<HTMLCanvasElement>(null);
-  const theme = shown.value;
+  const dark = isDark.value;
   useLayoutEffect(() => {
     const pen = canvas.current?.getContext('2d');
     if (!canvas.current || !pen) return;
@@ -32,6 +32,6 @@ export function StreetCanvas({ plane, view, width, height }: { plane: StreetPlan
       });
       pen.stroke();
     }
-  }, [plane, view, width, height, theme]);
+  }, [plane, view, width, height, dark]);
   return <canvas class="streets" ref={canvas} style={{ height: `${height}px` }} aria-hidden="true" />;
 }

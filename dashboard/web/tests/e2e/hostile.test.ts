@@ -60,7 +60,7 @@ const VIEWS: [page: string, hash: (mark: string) => string, places: string[]][] 
   ['training', (mark) => `training?runs=${encodeURIComponent(mark + run)}`, ['.picker-list b', '[role=img]', '.tooltip span', '.legend li']],
   ['route', () => 'route', ['h2', '.card-head .hint', 'option', '.map', '.picture figcaption', '.picture img']],
   ['deployment', (mark) => `deployment?run=${encodeURIComponent(mark + run)}&episode=${rowid}`, ['h2', 'option', '.player .map', '.card-head .hint', 'thead + tbody th', '#episodes td', '.legend li', '[role=img]']],
-  ['compare', () => 'compare', ['option', '.path', 'tbody th', 'tbody td', 'thead th', '.legend li', '[role=img]']],
+  ['compare', () => 'compare', ['.path', 'tbody th', 'tbody td', 'thead th']],
 ];
 
 /** Returns the places where no text has the mark. */

@@ -16,7 +16,7 @@ it.each(PAGES)('%s shows its content, asks nobody else, and is fine in the dark 
   expect(await page.locator('.failed').count()).toBe(0);
   await fine();
   await page.emulateMedia({ colorScheme: 'dark' });
-  await page.waitForFunction(() => document.documentElement.dataset.theme === 'dark');
+  await page.waitForFunction(() => matchMedia('(prefers-color-scheme: dark)').matches);
   await page.setViewportSize({ width: 400, height: 800 });
   await fine();
   await page.setViewportSize({ width: 2560, height: 1300 });

@@ -152,7 +152,7 @@ describe('compare', () => {
     await manifests.getByText('parameters.learner.clip').waitFor();
   });
 
-  it('names the files of the chosen runs, to be copied', async () => {
+  it('names the files of the chosen runs', async () => {
     const { page } = await stage.page(`compare?runs=${idOf('spare')}`);
     const files = page.locator('section[aria-label="Files"]');
     await files.locator('.path').first().waitFor();
@@ -161,10 +161,6 @@ describe('compare', () => {
     expect(folder).toMatch(/^\/.*\/spare$/);
     expect(paths).toContain(`${folder}/checkpoints/best.clk`);
     for (const path of paths.filter((one) => one !== `${folder}/checkpoints/best.clk`)) expect(existsSync(path), path).toBe(true);
-    await page.context().grantPermissions(['clipboard-read', 'clipboard-write']);
-    await files.getByRole('button', { name: `Copy ${folder}/summary.json` }).click();
-    await files.getByText('copied').waitFor();
-    expect(await page.evaluate(() => navigator.clipboard.readText())).toBe(`${folder}/summary.json`);
     // They are no options, in which runs differ.
     expect(await page.locator('section[aria-label="Manifests"]').getByText('artefacts').count()).toBe(0);
   });
@@ -219,20 +215,6 @@ describe('a link', () => {
     await expect.poll(() => output.innerText()).toBe(step);
     await expect.poll(() => other.getByLabel('Steps per second').inputValue()).toBe('50');
   });
-});
-
-it('colours follow the system until one is chosen, which is remembered', async () => {
-  const { page } = await stage.page('overview', { colorScheme: 'dark' });
-  const shown = (): Promise<string | undefined> => page.evaluate(() => document.documentElement.dataset.theme);
-  const ground = (): Promise<string> => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
-  const dark = await ground();
-  await expect.poll(shown).toBe('dark');
-  await page.getByRole('button', { name: /^Colours/ }).click();
-  await expect.poll(shown).toBe('light');
-  await expect.poll(ground).not.toBe(dark);
-  await page.reload();
-  await page.waitForSelector('h1');
-  await expect.poll(shown).toBe('light');
 });
 
 it('is used by keyboard alone: from the first link to a page and its title', async () => {
