@@ -22,7 +22,6 @@
 #include "core/util/types.h"
 #include "core/wire/service.h"
 #include "policy_service/run/sweep.h"
-#include "tests/simulation/faults/shrink.h"
 #include "tests/simulation/training/invariants.h"
 #include "tests/simulation/training/layout.h"
 #include "tests/simulation/training/scale.h"
@@ -40,9 +39,9 @@ struct Options {
   std::string seeds, layout;
   double hours = 0;
   int processes = 2, hosts = 0;
-  std::vector<double> costs;
-  bool log = false, without_faults = false, list = false, shrink = false, traces = false;
-  FewerFaults fewer;
+  std::vector<std::string> left_out;  ///< kinds of faults
+  double until = 0;                   ///< as in FaultRates; 0: as drawn
+  bool log = false, without_faults = false, list = false, traces = false;
 };
 
 /// The report of a simulation's process to the one that started it.
@@ -203,24 +202,18 @@ Scenario scenario_of(std::uint64_t seed, const Options& options) {
   scenario.seed = seed;
   scenario.layout = options.layout.empty() ? draw_layout(seed) : find_layout(options.layout);
   if (!options.without_faults) scenario.faults = draw_faults(seed);
-  options.fewer.apply(scenario.faults);
+  for (const std::string& kind : options.left_out) scenario.faults.leave_out(kind);
+  if (options.until > 0) scenario.faults.until = options.until;
   return scenario;
 }
 
-/// Returns the name of the first invariant that a simulation broke.
-std::string broken_by(const Report& report) { return report.text.substr(0, report.text.find(':')); }
-
-/// Looks for a smaller set of faults after which a seed breaks the same invariant. Those left out `already` stay out.
-FewerFaults shrunk(const Scenario& failing, const Report& report, const FewerFaults& already) {
-  FewerFaults least = shrink(failing.faults, [&](const FewerFaults& fewer) {
-    Scenario candidate = failing;
-    fewer.apply(candidate.faults);
-    const Report other = Play(candidate, false).report();
-    return other.failed && broken_by(other) == broken_by(report);
-  });
-  least.left_out.insert(least.left_out.begin(), already.left_out.begin(), already.left_out.end());
-  if (least.until == 0) least.until = already.until;
-  return least;
+/// Returns the options that choose services and faults, as they are typed.
+std::string choices_of(const Options& options) {
+  std::ostringstream out;
+  if (!options.layout.empty()) out << " --layout " << options.layout;
+  for (const std::string& kind : options.left_out) out << " --leave-out " << kind;
+  if (options.until > 0) out << " --until " << options.until;
+  return out.str();
 }
 
 int simulate(const Options& options) {
@@ -254,14 +247,8 @@ int simulate(const Options& options) {
       std::printf("seed %lu, %s: %s, %.1f s simulated, %lu kills, trace %016lx, agent %.16s\n%s", play.seed(),
                   play.scenario().layout.name.c_str(), report.failed ? "FAILED" : "all invariants hold", report.seconds,
                   report.kills, report.trace, report.agent.c_str(), report.text.c_str());
-      const std::string layout = options.layout.empty() ? "" : " --layout " + options.layout;
-      const auto show = [&](const char* what, const FewerFaults& fewer) {
-        std::printf("  %s: ./run simulate --seed %lu%s%s --log\n", what, play.seed(), layout.c_str(),
-                    fewer.options().c_str());
-        std::fflush(stdout);
-      };
-      if (report.failed) show("show it", options.fewer);
-      if (report.failed && options.shrink) show("with fewer faults", shrunk(play.scenario(), report, options.fewer));
+      if (report.failed)
+        std::printf("  show it: ./run simulate --seed %lu%s --log\n", play.seed(), choices_of(options).c_str());
     }
     std::fflush(stdout);
     playing.pop_front();
@@ -298,23 +285,15 @@ int main(int argc, char** argv) {
     app.add_option("--hosts", options.hosts,
                    "Count what so many hosts of ten env_services and an actor send, without faults, instead")
         ->check(CLI::Range(1, 1000));
-    app.add_option("--costs", options.costs,
-                   "With --hosts: time a learner with an env_service of 100 agents and an actor a host instead. "
-                   "Microseconds of processor time: of a step in an env_service, in an actor, in the learner, and of a "
-                   "message of the learner to an actor")
-        ->delimiter(',')
-        ->expected(4)
-        ->check(CLI::Range(0.0, 1e6));
     app.add_option("--processes", options.processes, "Simulations at a time")
         ->capture_default_str()
         ->check(CLI::Range(1, 1024));
     app.add_flag("--log", options.log, "Show each fault and what the services log");
     app.add_flag("--without-faults", options.without_faults, "Let nothing go wrong");
-    app.add_option("--leave-out", options.fewer.left_out, "Kinds of faults that do not occur, such as kill,loss")
+    app.add_option("--leave-out", options.left_out, "Kinds of faults that do not occur, such as kill,loss")
         ->delimiter(',');
-    app.add_option("--until", options.fewer.until, "Seconds of virtual time after which nothing goes wrong (60)")
+    app.add_option("--until", options.until, "Seconds of virtual time after which nothing goes wrong (60)")
         ->check(CLI::Range(0.001, 60.0));
-    app.add_flag("--shrink", options.shrink, "Look for fewer faults with which a failing seed fails the same way");
     app.add_flag("--traces", options.traces, "Print a line for each seed; compare those of two runs of this program");
     app.add_flag("--list", options.list, "Print the layouts and the invariants, and exit");
   };
@@ -323,11 +302,7 @@ int main(int argc, char** argv) {
       const Folder folder;
       if (!options.log) spdlog::set_level(spdlog::level::off);
       const auto progress = [](const std::string& line) { std::cerr << line << std::endl; };
-      if (options.costs.empty())
-        std::cout << measure_scale(options.hosts, progress);
-      else
-        std::cout << measure_speed(options.hosts,
-                                   {options.costs[0], options.costs[1], options.costs[2], options.costs[3]}, progress);
+      std::cout << measure_scale(options.hosts, progress);
       return 0;
     }
     if (!options.list) return simulate(options);

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <utility>
+#include <vector>
 
 #include "core/util/error.h"
 #include "core/util/random.h"
@@ -30,14 +31,6 @@ std::vector<std::pair<std::string, double*>> rates_of(FaultRates& rates) {
 }
 
 }  // namespace
-
-std::vector<std::string> FaultRates::kinds() const {
-  FaultRates copy = *this;
-  std::vector<std::string> kinds;
-  for (const auto& [name, rate] : rates_of(copy))
-    if (*rate > 0) kinds.push_back(name);
-  return kinds;
-}
 
 void FaultRates::leave_out(const std::string& kind) {
   std::string known;

@@ -3,7 +3,6 @@
 
 #include <cstdint>
 #include <string>
-#include <vector>
 
 #include "tests/simulation/machine/network.h"
 
@@ -25,8 +24,6 @@ struct FaultRates {
   LinkFaults links;         ///< of all messages
   double until = 60;        ///< seconds after which nothing goes wrong any more
 
-  /// Returns the kinds of faults that there are, by name.
-  std::vector<std::string> kinds() const;
   /// Leaves out the faults of a kind. Throws Error when there is no such kind.
   void leave_out(const std::string& kind);
 };

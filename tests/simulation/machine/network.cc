@@ -61,7 +61,6 @@ class SimulatedSubscription : public Subscription {
     if (!endpoint_.raised) return false;
     sample.assign(endpoint_.samples.front()->begin(), endpoint_.samples.front()->end());
     endpoint_.samples.pop_front();
-    if (network_.taken) network_.taken(endpoint_.process, endpoint_.topic, sample);
     return true;
   }
   int matched() const override { return network_.matched(endpoint_); }

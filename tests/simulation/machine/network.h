@@ -57,8 +57,6 @@ class Network {
 
   /// Called with each message that a process published, before it is sent.
   std::function<void(Process& sender, const Topic& topic, std::span<const std::byte> sample)> published;
-  /// Called with each message that a process takes.
-  std::function<void(Process& receiver, const Topic& topic, std::span<const std::byte> sample)> taken;
   /// Called with each message that arrives at a process, whether it takes it or not.
   std::function<void(Process& receiver, const Topic& topic, std::span<const std::byte> sample)> arrived;
   std::map<std::string, Traffic> traffic() const;      ///< by topic

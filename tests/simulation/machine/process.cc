@@ -64,13 +64,7 @@ void Process::stall(Time duration) {
   if (running()) scheduler_.stall(*task_, scheduler_.now() + duration);
 }
 
-void Process::wait_until(Clock::time_point deadline) {
-  if (owed_ > Time(0)) {
-    const Time done = scheduler_.now() + std::exchange(owed_, Time(0));
-    while (!dead() && scheduler_.now() < done) scheduler_.wait_until(done);  // messages that arrive do not end it
-  }
-  scheduler_.wait_until(global_time(deadline));
-}
+void Process::wait_until(Clock::time_point deadline) { scheduler_.wait_until(global_time(deadline)); }
 
 void Process::wake() {
   if (running()) scheduler_.wake(*task_);

@@ -65,9 +65,7 @@ class Process : public Machine {
   Time date() const;
   Time global_time(Clock::time_point local) const;
 
-  /// Takes processor time: what it did since it last waited took so much longer.
-  void charge(Time duration) { owed_ += duration; }
-  /// Waits as the process's only thread does, once the time that it was charged has passed. Throws Killed.
+  /// Waits as the process's only thread does. Throws Killed.
   void wait_until(Clock::time_point deadline);
   void wake();
 
@@ -85,7 +83,7 @@ class Process : public Machine {
   Task* task_ = nullptr;
   int starts_ = 0, status_ = -1, drift_ = 0, operations_left_ = 0;
   bool stop_ = false, power_ = true, files_only_ = false, awaits_file_ = false;
-  Time date_shift_{}, owed_{};
+  Time date_shift_{};
   std::string failure_;
 };
 

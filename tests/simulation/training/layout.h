@@ -20,11 +20,9 @@ struct Layout {
   bool replayed = false;   ///< everything is recorded, and replayed to another dashboard after the training
   int updates = 15;        ///< that the training lasts
   int segment = 64;        ///< steps of each agent between updates
-  int sequence = 0;        ///< steps of which a trajectory consists; 0: the whole segment
   int learned_agents = 0;  ///< whose segments a learner takes for an update; 0: of all
 
   bool lockstep() const { return actors == 0; }
-  int trajectory_steps() const { return sequence > 0 ? sequence : segment; }
   int batch() const { return learned_agents > 0 ? learned_agents : environments * agents; }
   /// Returns the steps to learn from.
   std::uint64_t steps() const {

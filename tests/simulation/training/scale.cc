@@ -24,22 +24,6 @@ constexpr Time kStep = std::chrono::milliseconds(100);
 constexpr Time kStart = std::chrono::milliseconds(5);  // between the starts of two services
 constexpr Time kLatency = std::chrono::milliseconds(10);
 
-// Of what is measured with costs.
-constexpr Time kFastLatency = std::chrono::microseconds(500);
-constexpr std::uint64_t kSettled = 5, kTimed = 20;  // updates before what is timed, and in it
-
-Layout timed_layout_of(int hosts) {
-  Layout layout;
-  layout.environments = layout.actors = hosts;
-  layout.agents = 100;
-  layout.dashboards = 0;
-  layout.updates = 1'000'000;  // it is cut off
-  layout.learned_agents = 256;
-  layout.segment = 256;  // 4096 trajectories an update, so that they do not get much older than the parameters
-  layout.sequence = 16;
-  return layout;
-}
-
 Layout layout_of(int hosts) {
   Layout layout;
   layout.environments = hosts * kEnvironments;
@@ -54,18 +38,17 @@ Layout layout_of(int hosts) {
 
 class Scale {
  public:
-  Scale(const Layout& layout, Time latency);
+  explicit Scale(const Layout& layout);
   ~Scale() { scheduler_.end(); }
   std::string measure(const std::function<void(const std::string&)>& progress);
-  std::string measure_speed(const Costs& costs, const std::function<void(const std::string&)>& progress);
 
  private:
   struct Snapshot {
-    std::uint64_t updates = 0, steps = 0;
+    std::uint64_t updates = 0;
     Time time{};
     std::map<std::string, Traffic> traffic;
   };
-  Snapshot snapshot() const { return {updates_, steps_, scheduler_.now(), network_.traffic()}; }
+  Snapshot snapshot() const { return {updates_, scheduler_.now(), network_.traffic()}; }
   void add(const std::string& id, Process::Body body) {
     processes_.push_back(std::make_unique<Process>(id, scheduler_, network_, std::move(body)));
   }
@@ -77,7 +60,6 @@ class Scale {
   }
   bool all_at_work() const { return static_cast<int>(at_work_.size()) == layout_.environments; }
   static double seconds_of(Time time) { return static_cast<double>(time.count()) * 1e-9; }
-  static void charge(Process& process, double microseconds) { process.charge(from_seconds(microseconds * 1e-6)); }
   std::string table(const Snapshot& before, const Snapshot& after) const;
   std::string measure_late_actor();
 
@@ -86,37 +68,23 @@ class Scale {
   Scheduler scheduler_{1};
   Network network_{scheduler_, 1};
   std::vector<std::unique_ptr<Process>> processes_;
-  std::uint64_t updates_ = 0, steps_ = 0;
-  double lag_ = 0;  // of the newest update
-  Costs costs_;
+  std::uint64_t updates_ = 0;
   std::set<std::string> at_work_;  // env_services of which the learner was sent something
 };
 
-Scale::Scale(const Layout& layout, Time latency) : layout_(layout), traversal_(traversal_of(layout_)) {
+Scale::Scale(const Layout& layout) : layout_(layout), traversal_(traversal_of(layout_)) {
   network_.faults.even = true;
-  network_.faults.latency = latency;
-  network_.published = [this](Process& sender, const Topic& topic, std::span<const std::byte> sample) {
+  network_.faults.latency = kLatency;
+  network_.published = [this](Process&, const Topic& topic, std::span<const std::byte> sample) {
     if (topic.type == topic_of<msg::TrainingStat>().type) {
       msg::TrainingStat stat;
       decode(sample, stat);
       updates_ = std::max<std::uint64_t>(updates_, stat.update());
-      steps_ = stat.steps();
-      lag_ = static_cast<double>(stat.policy_lag());
     } else if (topic.type == topic_of<msg::Trajectory>().type) {
       msg::Trajectory trajectory;
       decode(sample, trajectory);
       at_work_.insert(trajectory.environment().c_str());
     }
-    const double agents = layout_.agents;
-    if (topic.type == topic_of<msg::Observation>().type) charge(sender, costs_.env * agents);
-    if (topic.type == topic_of<msg::Action>().type) charge(sender, costs_.actor * agents);
-    if (base_topic(topic.name) == topic_of<msg::ParametersChunk>().name ||
-        topic.type == topic_of<msg::LearnerInfo>().type)
-      charge(sender, costs_.copy * layout_.actors);
-  };
-  network_.taken = [this](Process& receiver, const Topic& topic, std::span<const std::byte>) {
-    if (topic.type != topic_of<msg::Trajectory>().type) return;
-    charge(receiver, costs_.learner * layout_.trajectory_steps());
   };
   for (const auto& [id, body] : dashboards_of(layout_)) add(id, body);
   add(kPolicy, policy_service(layout_, layout_.updates));
@@ -128,26 +96,6 @@ void Scale::start() {
   // Incarnations of services that start at one moment may be equal.
   Time begin{};
   for (const auto& process : processes_) scheduler_.at(begin += kStart, [&process] { process->start(); });
-}
-
-std::string Scale::measure_speed(const Costs& costs, const std::function<void(const std::string&)>& progress) {
-  costs_ = costs;
-  start();
-  Snapshot before;
-  double lag = 0;
-  while (updates_ < before.updates + kTimed || before.updates == 0) {
-    step(from_seconds(kMaxSeconds), fmt::format("ends after update {}", updates_));
-    if (before.updates == 0 && all_at_work() && updates_ >= kSettled) before = snapshot();
-    lag = std::max(lag, lag_);
-    progress(fmt::format("{:.1f} s simulated, {} env_services at work, update {}", seconds_of(scheduler_.now()),
-                         at_work_.size(), updates_));
-  }
-  const double seconds = seconds_of(scheduler_.now() - before.time);
-  return fmt::format(
-      "{} env_services of {} agents, {} actors, a learner: {:.0f} steps/s, {} updates in {:.2f} s, "
-      "at most {:.1f} updates old\n",
-      layout_.environments, layout_.agents, layout_.actors, static_cast<double>(steps_ - before.steps) / seconds,
-      updates_ - before.updates, seconds, lag);
 }
 
 std::string Scale::measure(const std::function<void(const std::string&)>& progress) {
@@ -238,11 +186,7 @@ std::string Scale::table(const Snapshot& before, const Snapshot& after) const {
 }  // namespace
 
 std::string measure_scale(int hosts, const std::function<void(const std::string&)>& progress) {
-  return Scale(layout_of(hosts), kLatency).measure(progress);
-}
-
-std::string measure_speed(int hosts, const Costs& costs, const std::function<void(const std::string&)>& progress) {
-  return Scale(timed_layout_of(hosts), kFastLatency).measure_speed(costs, progress);
+  return Scale(layout_of(hosts)).measure(progress);
 }
 
 }  // namespace citylearn::simulation

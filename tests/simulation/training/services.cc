@@ -140,7 +140,7 @@ Process::Body policy_service(const Layout& layout, int checkpoint_every) {
   options.resume = true;
   options.output = kPolicy;
   options.trainer_parameters["segment"] = layout.segment;
-  options.trainer_parameters["sequence"] = layout.trajectory_steps();
+  options.trainer_parameters["sequence"] = layout.segment;
   if (!layout.lockstep()) {
     options.role = "learner";
     options.trainer_parameters["agents"] = layout.batch();
