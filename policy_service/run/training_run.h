@@ -101,8 +101,8 @@ class LearnerRun : public TrainingRun {
 
  private:
   void train() override;
-  /// Tells the actors that training is over and takes the env_services over. Not so when it was stopped: actors then wait
-  /// for a learner that resumes.
+  /// Tells the actors that training is over and takes the env_services over. Not so when it was stopped: actors then
+  /// wait for a learner that resumes.
   void dismiss_actors();
   std::optional<double> evaluate_others() override;
   double policy_lag() const override { return server_->policy_lag(); }

@@ -95,9 +95,9 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
   EXPECT_GE(sections, 6);
   EXPECT_EQ(occurrences(html, "<h2 "), sections);
   // Trained for a moment, agents are worse than all that they are compared with.
-  for (const char* remark :
-       {"1 of 1 seeds did not reach SPL 0.95", "Worse than the paper: features",
-        "Lower SPL than blind, which never looks", "no better than a policy that never looks", "Not tried: 512, 2048, 4096 features. hog_vlad has"})
+  for (const char* remark : {"1 of 1 seeds did not reach SPL 0.95", "Worse than the paper: features",
+                             "Lower SPL than blind, which never looks", "no better than a policy that never looks",
+                             "Not tried: 512, 2048, 4096 features. hog_vlad has"})
     EXPECT_TRUE(contains(html, remark)) << remark;
 
   // Files: those that the manifest names, each chart with its numbers and as PNG.

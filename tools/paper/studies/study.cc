@@ -105,7 +105,8 @@ int Run::environments() {
 }
 
 Json Run::train() {
-  InprocessTraining training(trainer_options(), traversal(train_), study_.frames, {environments(), study_.imperfections});
+  InprocessTraining training(trainer_options(), traversal(train_), study_.frames,
+                             {environments(), study_.imperfections});
   Trainer& trainer = training.trainer();
   Json curve;
   for (const char* name : {"episodes", "spl", "steps", "seconds", "reward", "length"}) curve[name] = Json::array();
