@@ -62,9 +62,7 @@ class Api {
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
   Answer training(const RunRow& row, const Query& query);
-  Answer all_training(const RunRow& row);
   Answer episodes(const RunRow& row, const Query& query);
-  Answer all_episodes(const RunRow& row);
   Answer evaluations(const RunRow& row);
   Answer episode(const Query& query);
   nlohmann::json run_json(const RunRow& row);

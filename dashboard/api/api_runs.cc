@@ -103,10 +103,8 @@ Answer Api::answer_run(const Query& query) {
   if (part == "episodes") return episodes(*row, query);
   allow_only(query, {});
   if (part.empty()) return run(*row);
-  if (part == "training.csv") return all_training(*row);
-  if (part == "episodes.csv") return all_episodes(*row);
   if (part == "evaluations") return evaluations(*row);
-  not_found("a run has no '" + part + "' (training, training.csv, episodes, episodes.csv, evaluations)");
+  not_found("a run has no '" + part + "' (training, episodes, evaluations)");
 }
 
 Answer Api::run(const RunRow& row) {
@@ -184,7 +182,7 @@ Answer Api::training(const RunRow& row, const Query& query) {
     text += (i == 0 ? "\"" : ",\"") + std::string(i == 0 ? "x" : column.name) + "\":[";
     for (std::size_t at = 0; at < rows.rows(); ++at) {
       if (at > 0) text += ',';
-      append_figure(text, column, rows.values()[at * width + i], false);
+      append_figure(text, column, rows.values()[at * width + i]);
     }
     text += ']';
   }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <functional>
 #include <map>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -23,9 +22,6 @@ struct Answer {
   std::string type = "application/json";
   std::string body;
   std::vector<std::pair<std::string, std::string>> headers;  ///< further ones: {"Retry-After", "1"}
-  /// Appends the next piece of a long body; returns whether there are more. Unset: `body` is all of it. The server asks
-  /// for a piece when the client has taken the one before. An exception cuts the answer short.
-  std::function<bool(std::string& text)> more = nullptr;
 };
 
 /// Returns the text of `json`, in which what is not UTF-8 is replaced: names and messages from elsewhere may hold any.

@@ -260,8 +260,6 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     const Answer& answer = reply.answer;
     const std::string_view body = reply.file.empty() ? std::string_view(answer.body) : reply.file;
     const bool bodiless = answer.status == 204 || answer.status == 304, head = request.method() == http::verb::head;
-    const bool chunked = answer.more && request.version() != 10;
-    if (answer.more && !chunked) keep = false;  // the connection's end is the body's
     ++context_.answers[answer.status];
     Response response;
     response.version(request.version() == 10 ? 10 : 11);
@@ -272,59 +270,18 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
       response.set(name, one_line(value));  // no value can begin another header
     if (!bodiless) {
       response.set(http::field::content_type, answer.type);
-      if (chunked) response.chunked(true);
-      if (!answer.more) response.content_length(body.size());
-      if (!head && !answer.more) response.body() = beast::span<const char>(body.data(), body.size());
+      response.content_length(body.size());
+      if (!head) response.body() = beast::span<const char>(body.data(), body.size());
     }
     response.keep_alive(keep);
     http::response_serializer<http::span_body<const char>> serializer(response);
-    serializer.split(answer.more != nullptr);
     error_code error;
-    while (!error && !(answer.more ? serializer.is_header_done() : serializer.is_done())) {
+    while (!error && !serializer.is_done()) {
       wait_for_client();
       co_await http::async_write_some(stream_, serializer, with(error));
     }
-    if (!error && answer.more && !head) {
-      const bool whole = co_await send_pieces(answer, chunked);
-      if (!whole) co_return false;
-    }
     if (!error && !keep) co_await linger();
     co_return !error && keep;
-  }
-
-  /// Sends a body that is made while it is sent. Returns false when the client does not get its end.
-  asio::awaitable<bool> send_pieces(const Answer& answer, bool chunked) {
-    std::string piece = answer.body;
-    for (bool more = true;;) {
-      if (chunked && !piece.empty()) piece = fmt::format("{:x}\r\n{}\r\n", piece.size(), piece);
-      const bool taken = co_await write(piece);
-      if (!taken) co_return false;
-      if (!more) break;
-      const Call call = [&answer, &more] {
-        Answer next;
-        more = answer.more(next.body);
-        return next;
-      };
-      idle = false;
-      deadline = Time::max();  // the client waits for us now
-      Answer next = co_await on_worker(context_, call, ended_);
-      if (ended_ || next.status != 200) co_return false;
-      piece = std::move(next.body);
-    }
-    const std::string end = chunked ? "0\r\n\r\n" : "";
-    const bool taken = co_await write(end);
-    co_return taken;
-  }
-
-  /// Returns false when the connection ended before the client had taken all.
-  asio::awaitable<bool> write(const std::string& bytes) {
-    error_code error;
-    for (std::size_t sent = 0; sent < bytes.size() && !error;) {
-      wait_for_client();
-      const asio::const_buffer rest(bytes.data() + sent, bytes.size() - sent);
-      sent += co_await stream_.async_write_some(rest, with(error));
-    }
-    co_return !error;
   }
 
   /// Sets the deadline by which the client has to take what is sent next.

@@ -86,7 +86,7 @@ struct StoreReader::Impl {
 
   const std::string path;
   SQLite::Database database;
-  SQLite::Statement runs, run, newest, manifest, traversals, episodes, episode, groups, tasks, total;
+  SQLite::Statement runs, run, newest, manifest, traversals, episode, groups, tasks, total;
 };
 
 StoreReader::Impl::Impl(const std::string& file)
@@ -104,7 +104,6 @@ StoreReader::Impl::Impl(const std::string& file)
           "SELECT s.environment, s.dataset, s.traversal, s.condition, s.hash, s.frames, s.agents, s.images, s.rule, "
           "MAX(s.incarnation) FROM run_sources r JOIN sources s ON s.id = r.source "
           "WHERE r.run = ? AND s.dataset IS NOT NULL GROUP BY s.environment ORDER BY s.environment"),
-      episodes(database, select_episodes() + "e.run = ? AND e.id BETWEEN ? AND ? ORDER BY e.id LIMIT ?"),
       episode(database, select_episodes(", e.path, s.hash, s.rule") + "e.id = ?"),
       groups(database,
              "SELECT policy, \"update\", shuffled, traversal, COUNT(*), MAX(id) FROM episodes "
@@ -195,21 +194,6 @@ Decimator StoreReader::training(const TrainingQuery& query, std::size_t points) 
   });
 }
 
-void StoreReader::training(std::int64_t run, const std::function<void(std::span<const double>)>& each,
-                           const RowRange& range) {
-  std::vector<double> values(training_figures().size());
-  const auto read = [&](const auto& row) {
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_at<double>(row, static_cast<int>(i));
-    each(values);
-  };
-  with_file_errors(impl_->path, [&] {
-    SQLite::Statement rows(impl_->database, "SELECT " + joined(training_figures(), column_of) +
-                                                " FROM training WHERE key BETWEEN ? AND ? ORDER BY key LIMIT ?");
-    impl_->each_row(rows, read, training_key(run, std::min(range.first, kMaxUpdate)),
-                    training_key(run, std::min(range.last, kMaxUpdate)), range.limit);
-  });
-}
-
 std::vector<EpisodeRow> StoreReader::episodes(std::int64_t run, const EpisodeFilter& filter, bool worst,
                                               std::size_t limit) {
   return with_file_errors(impl_->path, [&] {
@@ -229,13 +213,6 @@ std::uint64_t StoreReader::count(std::int64_t run, const EpisodeFilter& filter) 
     bind_filter(row, run, filter);
     return row.executeStep() ? value_at<std::uint64_t>(row, 0) : 0;
   });
-}
-
-void StoreReader::episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each,
-                           const RowRange& range) {
-  impl_->each_row(
-      impl_->episodes, [&](const auto& row) { each(read_episode(row).first); }, run, range.first, range.last,
-      range.limit);
 }
 
 std::optional<StoreReader::Replay> StoreReader::episode(std::int64_t rowid) {

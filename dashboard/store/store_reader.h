@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <functional>
-#include <limits>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -14,12 +11,6 @@
 #include "dashboard/store/rows.h"
 
 namespace citylearn {
-
-/// Which rows of a run, by update or rowid, in this order.
-struct RowRange {
-  std::uint64_t first = 0, last = std::numeric_limits<std::int64_t>::max();
-  std::size_t limit = std::numeric_limits<std::int64_t>::max();
-};
 
 /// Reads a store while it is written, over a connection of its own. Used by one thread at a time.
 class StoreReader {
@@ -42,13 +33,9 @@ class StoreReader {
     std::optional<double> from, to;
   };
   Decimator training(const TrainingQuery& query, std::size_t points);
-  /// Calls `each` with all training figures of updates.
-  void training(std::int64_t run, const std::function<void(std::span<const double>)>& each, const RowRange& range = {});
 
   std::vector<EpisodeRow> episodes(std::int64_t run, const EpisodeFilter& filter, bool worst, std::size_t limit);
   std::uint64_t count(std::int64_t run, const EpisodeFilter& filter);
-  /// Calls `each` with episodes in the order in which they were recorded, numbered by rowid.
-  void episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each, const RowRange& range = {});
   struct Replay {
     EpisodeRow row;
     std::optional<std::vector<std::uint8_t>> path;  ///< as in EpisodeStat; nothing: not kept

@@ -91,9 +91,7 @@ bool web_request(Input input) {
   for (const auto& [name, value] : target->parameters) require(is_utf8(name) && is_utf8(value), "so are parameters");
   if (target->segments[0] != "api") return false;
   const Query query{"GET", {target->segments.begin() + 1, target->segments.end()}, target->parameters};
-  Answer answer = dashboard.api.answer(query);
-  while (answer.more)
-    if (!answer.more(answer.body)) answer.more = nullptr;
+  const Answer answer = dashboard.api.answer(query);
   require(answer.status >= 200 && answer.status < 600 && answer.status != 500, "no fault of ours");
   require(!has(answer.body, kElsewhere), "nothing from elsewhere");
   if (answer.type != "application/json") return answer.status < 300;

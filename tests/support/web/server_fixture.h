@@ -24,7 +24,6 @@ using namespace std::chrono_literals;
 using Json = nlohmann::json;
 using Merge = Hub::Merge;
 
-inline constexpr std::size_t kPiece = 100'000;    // bytes of an answer that is made in pieces
 inline constexpr std::size_t kMemory = 16 << 20;  // bytes that an attack may cost
 
 /// Returns the resident bytes of this process; 0 under a sanitizer, which keeps what was freed.
@@ -129,16 +128,6 @@ class ServerTest : public ::testing::Test {
     }
     if (query.path == std::vector<std::string>{"broken"}) throw Error("the disk is full", "store");
     if (query.path == std::vector<std::string>{"large"}) return {200, "text/csv", std::string(8 << 20, 'l'), {}};
-    if (query.path.front() == "pieces" || query.path.front() == "fails") {
-      Answer answer{200, "text/csv", "begin,", {}};
-      answer.more = [this, fails = query.path.front() == "fails", left = 400](std::string& text) mutable {
-        if (fails && left < 398) throw Error("the disk is full", "store");
-        ++pieces_;
-        if (left % 2) text += std::string(kPiece, static_cast<char>('a' + left % 26));  // every other one is empty
-        return --left > 0;
-      };
-      return answer;
-    }
     if (query.path == std::vector<std::string>{"cached"})
       return {200, "image/jpeg", "jpeg", {{"Cache-Control", "max-age=9"}, {"X-Name", "a\r\nSet-Cookie: b"}}};
     const Json heard = {{"method", query.method}, {"path", query.path}, {"of", query.parameters}};
@@ -161,7 +150,6 @@ class ServerTest : public ::testing::Test {
   std::condition_variable released_;
   bool free_ = false;
   int slow_ = 0;
-  std::atomic<int> pieces_{0};  // made
   std::unique_ptr<Server> server_;
 };
 

@@ -108,7 +108,6 @@ class WebClient {
       response.headers[name] = head.substr(colon + 2, next - colon - 2);
       line = next + 2;
     }
-    if (response.headers.count("transfer-encoding") && !without_body) return take_chunks(response);
     const auto length = response.headers.find("content-length");
     if (without_body || length == response.headers.end()) return response;
     const std::size_t size = std::stoul(length->second);
@@ -173,20 +172,6 @@ class WebClient {
 
  private:
   /// Status 0 when the connection ended before the last chunk.
-  Response take_chunks(Response response) {
-    for (std::size_t size = 1; size > 0;) {
-      std::size_t line = 0;
-      while ((line = buffer_.find("\r\n")) == std::string::npos)
-        if (!receive(kTimeout)) return Response();
-      size = std::stoul(buffer_, nullptr, 16);
-      while (buffer_.size() < line + 2 + size + 2)
-        if (!receive(kTimeout)) return Response();
-      response.body.append(buffer_, line + 2, size);
-      buffer_.erase(0, line + 2 + size + 2);
-    }
-    return response;
-  }
-
   static sockaddr_in at(const char* host, std::uint16_t port) {
     sockaddr_in address{};
     address.sin_family = AF_INET;

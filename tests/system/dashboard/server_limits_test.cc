@@ -56,47 +56,5 @@ TEST_F(ServerTest, ClientsThatHangLockNobodyOut) {
   }
 }
 
-TEST_F(RunningServerTest, ALongAnswerIsMadeAsItIsTaken) {
-  const auto one = client();
-  const auto whole = one->get("/api/pieces");
-  EXPECT_EQ(whole.status, 200);
-  EXPECT_EQ(whole.headers.at("transfer-encoding"), "chunked");
-  EXPECT_EQ(whole.headers.count("content-length"), 0u);
-  ASSERT_EQ(whole.body.size(), 6 + 200 * kPiece);
-  EXPECT_EQ(whole.body.substr(0, 8), "begin,jj");
-  EXPECT_EQ(whole.body.back(), 'b');
-  EXPECT_EQ(one->request("HEAD", "/api/pieces").body, "");
-  EXPECT_EQ(one->get("/healthz").body, "ok\n") << "the connection goes on";
-  const auto old = client();
-  old->send("GET /api/pieces HTTP/1.0\r\nHost: localhost\r\n\r\n");
-  const auto plain = old->read();
-  EXPECT_EQ(plain.status, 200);
-  EXPECT_EQ(plain.headers.count("transfer-encoding"), 0u);
-  EXPECT_TRUE(old->ended()) << "which ends the body";
-}
-
-TEST_F(RunningServerTest, SlowReadersOfLongAnswersCostLittle) {
-  ASSERT_LT(health(), 100ms);
-  pieces_ = 0;
-  const std::size_t before = resident();
-  std::vector<std::unique_ptr<WebClient>> readers;
-  for (int i = 0; i < 30; ++i) {
-    readers.push_back(client("127.0.0.1", 4096));
-    readers.back()->send("GET /api/pieces HTTP/1.1\r\nHost: localhost\r\n\r\n");
-  }
-  int made = -1;
-  EXPECT_TRUE(
-      poll_until([&] { return pieces_ >= 30 && std::exchange(made, pieces_) == pieces_; }, WebClient::kTimeout));
-  EXPECT_LT(pieces_, 30 * 400 / 4) << "what fits into the kernel's buffers and one more for each";
-  EXPECT_LT(resident(), before + kMemory);
-  EXPECT_LT(health(), 100ms);
-  EXPECT_EQ(readers[7]->read().body.size(), 6 + 200 * kPiece) << "who goes on reading gets all";
-}
-
-TEST_F(RunningServerTest, ALongAnswerThatFailsHasNoEnd) {
-  EXPECT_EQ(get("/api/fails").status, 0);
-  EXPECT_LT(health(), 100ms);
-}
-
 }  // namespace
 }  // namespace citylearn::testing

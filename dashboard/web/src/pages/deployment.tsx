@@ -215,11 +215,6 @@ function Episodes({ run, evaluations, fresh }: {
       title={order === 'worst' ? 'Worst episodes' : 'Newest episodes'}
       id="episodes"
       hint={evaluated ? `${evaluationName(evaluated)} on ${evaluated.traversal}` : undefined}
-      actions={
-        <a class="hint" href={runPath(run.id, '/episodes.csv')} download>
-          All as CSV
-        </a>
-      }
       name="episodes"
       caption="Episodes"
       of={episodes}

@@ -61,14 +61,8 @@ class ApiTest : public ::testing::Test {
              const std::string& method = "GET") {
     return api_.answer({method, path, parameters});
   }
-  /// Puts all pieces of an answer into its body, as the server does.
-  static Answer whole(Answer answer) {
-    while (answer.more)
-      if (!answer.more(answer.body)) answer.more = nullptr;
-    return answer;
-  }
   Json json(const std::vector<std::string>& path, const QueryParameters& parameters = {}) {
-    const Answer answer = whole(ask(path, parameters));
+    const Answer answer = ask(path, parameters);
     EXPECT_EQ(answer.status, 200) << answer.body;
     EXPECT_EQ(answer.type, "application/json");
     return Json::parse(answer.body);

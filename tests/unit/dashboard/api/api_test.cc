@@ -112,20 +112,6 @@ TEST_F(ApiRunTest, TrainingDecimatedLosesNoPeak) {
   EXPECT_LE(json({"runs", id_, "training"}, {{"columns", every}, {"points", "10"}})["columns"]["x"].size(), 10u);
 }
 
-TEST_F(ApiRunTest, TrainingExports) {
-  store_.record(training_stats(1, 3));
-  const Answer csv = ask({"runs", id_, "training.csv"});
-  EXPECT_EQ(csv.type, "text/csv; charset=utf-8");
-  EXPECT_EQ(csv.body,
-            "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,episode_length,policy_loss,value_loss,"
-            "entropy,approx_kl,clip_fraction,gradient_norm,learning_rate,policy_lag\n"
-            "1,512,10,0,0.25,2000,0.5,,48,0.01,0,1,0,0,0,0.001,0\n"
-            "2,1024,20,0,0.5,2000,0.5,0.8,48,0.01,0,1,0,0,0,0.001,0\n"
-            "3,1536,30,0,0.75,2000,0.5,0.8,48,0.01,0,1,0,0,0,0.001,0\n");
-  ASSERT_EQ(csv.headers.size(), 1u);
-  EXPECT_EQ(csv.headers[0].second, "attachment; filename=\"demo-policy-1-1700000000000000-training.csv\"");
-}
-
 TEST_F(ApiRunTest, Episodes) {
   std::vector<msg::EpisodeStat> all = episodes(1, 10);
   for (std::uint64_t i = 0; i < 6; ++i)
@@ -158,58 +144,6 @@ TEST_F(ApiRunTest, Episodes) {
   const Json worst = json(path, {{"evaluation", "1"}, {"order", "worst"}});
   for (const Json& one : worst["episodes"]) order.push_back(one["task"].get<std::uint64_t>());
   EXPECT_EQ(order, (std::vector<std::uint64_t>{1, 3, 5, 4, 2, 0}));
-  std::istringstream csv(ask({"runs", id_, "episodes.csv"}).body);
-  std::string line;
-  std::getline(csv, line);
-  EXPECT_EQ(line,
-            "rowid,environment,incarnation,episode,agent,evaluation,task,traversal,policy,update,shuffled,start,goal,"
-            "steps,shortest,reward,completed,spl,recorded");
-  std::getline(csv, line);
-  EXPECT_EQ(line.rfind("1,env-summer,7,1,1,0,0,summer,place_filter,3,0,1,6,7,5,0.9,1,0.71428573,", 0), 0u) << line;
-}
-
-TEST_F(ApiRunTest, ExportsAreReadInPieces) {
-  store_.record(training_stats(1, 1700));
-  store_.record(episodes(1, 1700));
-  std::size_t rows = 1700;
-  for (const std::string what : {"episodes.csv", "training.csv"}) {
-    Answer answer = ask({"runs", id_, what});
-    std::size_t largest = answer.body.size(), pieces = 1;
-    for (bool more = answer.more != nullptr; more; ++pieces) {
-      std::string piece;
-      more = answer.more(piece);
-      largest = std::max(largest, piece.size());
-      answer.body += piece;
-      if (pieces > 1) continue;
-      // What comes meanwhile is left out.
-      store_.record(episodes(rows + 1, rows + 10));
-      store_.record(training_stats(rows + 1, rows + 10));
-    }
-    EXPECT_GT(pieces, 3u) << what;
-    EXPECT_LT(largest, 200'000u) << what;
-    EXPECT_EQ(static_cast<std::size_t>(std::count(answer.body.begin(), answer.body.end(), '\n')), rows + 1) << what;
-    EXPECT_EQ(answer.body.back(), '\n');
-    rows += 10;
-  }
-}
-
-TEST_F(ApiTest, CsvQuotesWhatNeedsIt) {
-  msg::EpisodeStat e = episode(1);
-  e.policy("a,\"b\"");
-  store_.record(std::vector{e});
-  EXPECT_TRUE(contains(ask({"runs", "demo", "episodes.csv"}).body, ",summer,\"a,\"\"b\"\"\",3,"));
-}
-
-TEST_F(ApiTest, NoNameIsAFormulaInCsv) {
-  std::vector<msg::EpisodeStat> all = episodes(1, 5);
-  const std::vector<std::string> names = {"=1+2", "+1", "-1", "@SUM(A1)", "\t=1"};
-  for (std::size_t i = 0; i < names.size(); ++i) all[i].policy(names[i]);
-  store_.record(all);
-  const std::string csv = ask({"runs", "demo", "episodes.csv"}).body;
-  for (const std::string& name : names) {
-    EXPECT_TRUE(contains(csv, ",summer,'" + name + ",3,"));
-    EXPECT_EQ(json({"runs", "demo", "episodes"}, {{"policy", name}})["episodes"][0]["policy"], name) << "elsewhere not";
-  }
 }
 
 TEST_F(ApiRunTest, AnEpisodeOnStreetsStepByStep) {

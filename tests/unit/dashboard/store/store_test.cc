@@ -173,9 +173,10 @@ TEST_F(StoreTest, FlushWritesWhatWasOnlyRemembered) {
 
 /// Reward of each update of the run, by a process's own: which of them the rows are.
 std::vector<double> rewards(const std::string& path) {
-  StoreReader reader(path);
+  SQLite::Database database = open_database(path);
+  SQLite::Statement row(database, "SELECT reward FROM training ORDER BY key");
   std::vector<double> all;
-  reader.training(reader.runs().at(0).id, [&](std::span<const double> row) { all.push_back(row[6]); });
+  while (row.executeStep()) all.push_back(row.getColumn(0).getDouble());
   return all;
 }
 
