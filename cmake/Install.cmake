@@ -17,17 +17,6 @@ install(PROGRAMS ${CMAKE_SOURCE_DIR}/tools/citylearn/citylearn DESTINATION ${CMA
 install(FILES ${CMAKE_SOURCE_DIR}/tools/citylearn/commands.sh ${CMAKE_SOURCE_DIR}/tools/citylearn/demo.sh
   ${CMAKE_SOURCE_DIR}/tools/citylearn/robot.sh
   DESTINATION ${tools}/citylearn)
-install(FILES ${CMAKE_SOURCE_DIR}/tools/citylearn/completion/complete.sh DESTINATION ${tools}/citylearn/completion)
-# Where shells look for completion: bash by the name of the command.
-foreach(command citylearn ${programs} dashboard)
-  set(component COMPONENT services)
-  if(command STREQUAL dashboard)
-    set(component COMPONENT dashboard)
-  endif()
-  install(FILES ${CMAKE_SOURCE_DIR}/tools/citylearn/completion/citylearn.bash
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME ${command} ${component})
-endforeach()
-install(FILES ${CMAKE_SOURCE_DIR}/tools/citylearn/completion/_citylearn DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
 # Where npm is missing there is no page, and the dashboard says so.
 install(DIRECTORY ${CMAKE_BINARY_DIR}/dashboard/page/ DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/page
   COMPONENT dashboard OPTIONAL)

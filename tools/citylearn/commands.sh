@@ -92,11 +92,6 @@ main() {
       . "$PARTS/robot.sh"
       robot "$@"
       return ;;
-    complete)
-      # shellcheck source=completion/complete.sh
-      . "$PARTS/completion/complete.sh"
-      completions "$@"
-      return ;;
     help|-h|--help) usage; return ;;
     --version) command='env'; set -- --version ;;
     *) [ -n "${PROGRAMS[$command]:-}" ] || fail "unknown command '$command'; there are: ${COMMANDS[*]}" ;;
