@@ -29,11 +29,6 @@ class EpisodeReward {
   bool reached() const { return distance_ == 0; }
   bool out_of_steps() const { return steps_ >= max_steps_; }
 
-  /// Returns the sum of an episode's rewards, without rounding, when `costly` of its steps cost something.
-  static double total(bool reached, double costly, double max_steps) {
-    return (reached ? 1.0 : 0.0) - costly / max_steps;
-  }
-
  private:
   int distance_, nearest_, max_steps_, steps_ = 0;
 };

@@ -29,10 +29,6 @@ Answer coming() {
   return answer;
 }
 
-Json control_json(const ControlFigures& figures) {
-  return {{"spl", figures.spl}, {"reward", figures.reward}, {"steps", figures.steps}, {"completed", figures.completed}};
-}
-
 }  // namespace
 
 Api::BorrowedReader::BorrowedReader(Api& api) : api_(api), unwinding_(std::uncaught_exceptions()) {
@@ -73,7 +69,6 @@ Answer Api::answer(const Query& query) {
     }
     if (first == "runs" && (depth == 2 || depth == 3)) return answer_run(query);
     if (first == "episodes" && depth == 2) return episode(query);
-    if (first == "controls" && depth == 1) return controls(query);
     if (first == "services" && depth == 1) return services();
     if (first == "events" && depth == 1) return events(query);
     if (first == "map" && depth == 2) return map(query);
@@ -85,16 +80,6 @@ Answer Api::answer(const Query& query) {
   } catch (const Error& error) {
     return error_answer(503, error.what());
   }
-}
-
-Answer Api::controls(const Query& query) {
-  allow_only(query, {"frames", "max_steps"});
-  const auto frames = number_parameter<int>(query, "frames", 2, 4096);
-  if (!frames) throw RequestError(400, "parameter 'frames' is missing: places of the route");
-  const auto max_steps = number_parameter<int>(query, "max_steps", 1, 1 << 30);
-  if (!max_steps) throw RequestError(400, "parameter 'max_steps' is missing: step limit of an episode");
-  return json_answer({{"blind", control_json(blind_figures(*frames, *max_steps))},
-                      {"shortest_path", control_json(shortest_path_figures(*frames, *max_steps))}});
 }
 
 Answer Api::services() {

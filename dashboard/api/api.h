@@ -53,7 +53,6 @@ class Api {
     int unwinding_;
   };
   Answer about();
-  Answer controls(const Query& query);
   Answer services();
   Answer events(const Query& query);
   Answer map(const Query& query);

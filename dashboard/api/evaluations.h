@@ -21,14 +21,4 @@ struct EvaluationFigures {
 /// Returns the figures of `tasks`, which must not be empty. The same tasks give the same interval.
 EvaluationFigures evaluate(std::span<const StoreReader::TaskRow> tasks);
 
-/// Figures of a policy that does not learn, over all tasks (start, goal) of a route, start != goal.
-struct ControlFigures {
-  double spl = 0, reward = 0, steps = 0, completed = 0;
-};
-/// Computes them for an agent that walks to the end of the goal's half and turns round there (`blind`;
-/// policy_service/rollout/blind.cc). `frames` >= 2, `max_steps` >= 1.
-ControlFigures blind_figures(int frames, int max_steps);
-/// Computes them for an agent that takes the shortest path.
-ControlFigures shortest_path_figures(int frames, int max_steps);
-
 }  // namespace citylearn

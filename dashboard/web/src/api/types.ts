@@ -27,11 +27,6 @@ export interface TrainingAnswer {
   decimated: boolean;
 }
 
-export interface Controls {
-  blind: Rows['control'];
-  shortest_path: Rows['control'];
-}
-
 export type Episode = Rows['episode'];
 export interface EpisodeDetail extends Episode {
   positions: number[] | null;

@@ -3,11 +3,10 @@ import type { JSX } from 'preact';
 import { useMemo } from 'preact/hooks';
 import { runPath } from '../api/client';
 import { TRAINING_FIGURES } from '../api/training_figures';
-import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
+import type { Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
 import { fixed, percent, short, significant, threeDecimals } from '../maths/format';
 import { preferredGroup, type Group } from '../maths/groups';
-import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
 import { isKnown } from '../maths/runs';
 import type { Range } from '../maths/seeds';
@@ -226,31 +225,20 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
   );
 }
 
-/** Returns the results of the blind agent, the shortest path and the sequence filter on the same route, as lines. */
+const REFERENCES = ['shortest_path', 'blind', 'sequence_filter'];
+
+/** Returns the results of policies that learn nothing, where they were evaluated on the traversal of the training, as lines. */
 function useReferences(run: Run | undefined): Partial<Record<string, Reference[]>> {
-  const detail = useJson<RunDetail>(run ? runPath(run.id) : null);
-  const route = valueOf(detail);
-  const frames = manifestNumber(route, 'frames');
-  const steps = manifestNumber(route, 'max_steps');
-  const controls = useJson<Controls>(frames !== null && steps !== null ? `api/controls?frames=${frames}&max_steps=${steps}` : null);
-  const evaluations = useJson<{ evaluations: Evaluation[] }>(run ? runPath(run.id, '/evaluations') : null);
+  const train = valueOf(useJson<RunDetail>(run ? runPath(run.id) : null))?.manifest?.train;
+  const evaluations = useJson<{ evaluations: Evaluation[] }>(run ? runPath(run.id, '/evaluations') : null, run?.state);
   return useMemo(() => {
-    const result: Record<'reward' | 'spl' | 'episode_length', Reference[]> = { reward: [], spl: [], episode_length: [] };
-    const add = (label: string, spl: number, reward: number, length: number): void => {
-      result.reward.push({ label, value: reward });
-      result.spl.push({ label, value: spl });
-      result.episode_length.push({ label, value: length });
-    };
-    if (controls.state === 'ready') {
-      const { blind, shortest_path } = controls.value;
-      add('shortest path', shortest_path.spl, shortest_path.reward, shortest_path.steps);
-      add('blind', blind.spl, blind.reward, blind.steps);
-    }
-    if (evaluations.state === 'ready') {
-      const filters = evaluations.value.evaluations.filter((one) => one.policy === 'sequence_filter' && !one.shuffled);
-      const filter = filters.find((one) => one.traversal === route?.manifest?.train) ?? filters[0];
-      if (filter) add(`sequence filter, ${filter.traversal}`, filter.spl, filter.reward, filter.mean_steps);
-    }
-    return result;
-  }, [controls, evaluations, route]);
+    const all = valueOf(evaluations)?.evaluations ?? [];
+    const found = REFERENCES.flatMap((policy) => {
+      const own = all.filter((one) => one.policy === policy && !one.shuffled);
+      return own.find(({ traversal }) => traversal === train) ?? own[0] ?? [];
+    });
+    const lines = (of: (one: Evaluation) => number): Reference[] =>
+      found.map((one) => ({ label: `${one.policy.replaceAll('_', ' ')}, ${one.traversal}`, value: of(one) }));
+    return { reward: lines((one) => one.reward), spl: lines((one) => one.spl), episode_length: lines((one) => one.mean_steps) };
+  }, [evaluations, train]);
 }

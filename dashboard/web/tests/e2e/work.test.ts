@@ -41,8 +41,8 @@ describe('training', () => {
   it('shows the controls as reference lines', async () => {
     const { page } = await stage.page(ended());
     const references = page.locator('section[aria-label="SPL"] .legend');
-    await references.getByText('blind').waitFor();
-    await expect.poll(() => references.innerText()).toMatch(/shortest path\s*1\.000/);
+    await references.getByText('blind, summer').waitFor();
+    await expect.poll(() => references.innerText()).toMatch(/shortest path, summer\s*1\.000/);
     await expect.poll(() => references.innerText()).toContain('sequence filter, summer');
   });
 

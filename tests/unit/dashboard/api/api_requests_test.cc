@@ -142,9 +142,6 @@ TEST_F(ApiRunTest, WrongRequestsAreToldWhatIsWrong) {
   expect_error(400, "'order'", episodes, {{"order", "best"}});
   expect_error(400, "'evaluation'", episodes, {{"evaluation", "true"}});
   expect_error(400, "'update'", episodes, {{"update", "99999999999999999999"}});
-  expect_error(400, "'frames' is missing", {"controls"}, {{"max_steps", "5"}});
-  expect_error(400, "'max_steps'", {"controls"}, {{"frames", "5"}, {"max_steps", "0"}});
-  expect_error(400, "'frames'", {"controls"}, {{"frames", "1"}, {"max_steps", "5"}});
   expect_error(400, "'limit'", {"events"}, {{"limit", "x"}});
   expect_error(400, "'y' is not known", {"runs"}, {{"y", "1"}});
   expect_error(404, "nothing of this name", {});

@@ -3,12 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <random>
 
 #include "dashboard/store/database.h"
 #include "tests/support/streets.h"
-#include "tests/support/wait.h"
 #include "tests/unit/dashboard/api/api_fixture.h"
 
 namespace citylearn::testing {
@@ -219,54 +217,6 @@ TEST_F(ApiRunTest, Evaluations) {
   EXPECT_EQ(json({"runs", id_, "evaluations"})["evaluations"], list) << "the same again";
   store_.record(std::vector{task(412, 1, true, 30, "blind")});
   EXPECT_EQ(json({"runs", id_, "evaluations"})["evaluations"][0]["tasks"], 2) << "what is new counts";
-}
-
-/// Every task of a small route, walked step by step with the environment's rules.
-ControlFigures walked(int frames, int max_steps, bool blind) {
-  ControlFigures sum;
-  double tasks = 0;
-  for (int start = 0; start < frames; ++start)
-    for (int goal = 0; goal < frames; ++goal) {
-      if (start == goal) continue;
-      ++tasks;
-      int frame = start, steps = 0, nearest = std::abs(goal - start);
-      int heading = blind ? (goal < frames / 2 ? -1 : 1) : (goal < start ? -1 : 1);
-      while (frame != goal && steps < max_steps) {
-        if (frame + heading < 0 || frame + heading >= frames) heading = -heading;
-        const int distance = std::abs(goal - frame);
-        frame += heading;
-        ++steps;
-        const bool free = std::abs(goal - frame) < distance && distance <= nearest;
-        if (free) --nearest;
-        sum.reward += frame == goal ? 1 : free ? 0 : -1.0 / max_steps;
-      }
-      sum.steps += steps;
-      sum.completed += frame == goal;
-      if (frame == goal) sum.spl += std::abs(goal - start) / static_cast<double>(steps);
-    }
-  return {sum.spl / tasks, sum.reward / tasks, sum.steps / tasks, sum.completed / tasks};
-}
-
-TEST_F(ApiTest, ControlsAreExact) {
-  for (const auto& [frames, max_steps] : {std::pair(2, 2), {9, 5}, {10, 40}, {24, 24}, {31, 1}})
-    for (const bool blind : {true, false}) {
-      const Json all =
-          json({"controls"}, {{"frames", std::to_string(frames)}, {"max_steps", std::to_string(max_steps)}});
-      const Json& one = all[blind ? "blind" : "shortest_path"];
-      const ControlFigures expected = walked(frames, max_steps, blind);
-      expect_row(one, "control");
-      EXPECT_NEAR(one["spl"].get<double>(), expected.spl, 1e-9) << frames << " " << max_steps;
-      EXPECT_NEAR(one["reward"].get<double>(), expected.reward, 1e-9) << frames << " " << max_steps;
-      EXPECT_NEAR(one["steps"].get<double>(), expected.steps, 1e-9);
-      EXPECT_NEAR(one["completed"].get<double>(), expected.completed, 1e-9);
-    }
-}
-
-TEST_F(ApiTest, ControlsOfLongRoutesAreCheap) {
-  const auto begin = Clock::now();
-  for (int max_steps = 1; max_steps <= 1000; ++max_steps)
-    ASSERT_EQ(ask({"controls"}, {{"frames", "4096"}, {"max_steps", std::to_string(max_steps)}}).status, 200);
-  EXPECT_LT(Clock::now() - begin, seconds(10) * kSlowness);
 }
 
 }  // namespace
