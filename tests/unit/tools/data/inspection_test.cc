@@ -5,7 +5,6 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <tuple>
 
 #include "core/util/random.h"
 #include "tests/paths.h"
@@ -19,6 +18,21 @@ namespace citylearn::testing {
 namespace {
 
 const auto kOn = [](long, long) { return true; };
+
+/// A command of the program, its status and what it says among others.
+struct Said {
+  Arguments arguments;
+  int status;
+  const char* text;
+};
+void expect_said(const std::vector<Said>& all) {
+  const Folder logs;
+  for (const auto& [arguments, status, text] : all) {
+    Service program(Arguments{CITYLEARN_DATA} + arguments, logs / "log");
+    EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
+    EXPECT_TRUE(contains(program.output(), text)) << program.output();
+  }
+}
 
 /// Traversals "day" (5 pictures) and "night" (3 pictures).
 void write_drives(const Folder& folder) {
@@ -285,41 +299,26 @@ TEST(Inspection, ProgramTakesParametersOfDatasets) {
   const std::string laser = folder / "2011_09_26_drive_0001_sync/velodyne_points";
   for (int i = 0; i < 2; ++i) write_scan(laser + "/data/000000000" + std::to_string(i) + ".bin", {{5, 5, 0}});
   make_file(laser + "/timestamps.txt", "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n");
-  for (const auto& [arguments, status, text] :
-       {std::tuple<Arguments, int, const char*>{{"check", "--dataset", "kitti"}, 1, "image_02"},
-        {{"check", "--kitti-camera", "0"}, 0, "kitti: 2 frames, 0 bad"},
-        {{"info", "--kitti-camera", "0"}, 0, "2011_09_26_drive_0001_sync  day"},
-        {{"info", "--kitti-ranges", "12"}, 0, "-        12    0"},  // pixels, features, bad
-        {{"info", "--dataset", "plain", "--kitti-camera", "0"}, 1, "is for dataset kitti"}}) {
-    Arguments all = arguments;
-    all.insert(all.begin(), CITYLEARN_DATA);
-    all.push_back(folder.path());
-    Service program(all, folder / "log");
-    EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
-    EXPECT_TRUE(contains(program.output(), text)) << program.output();
-  }
+  const std::string data = folder.path();
+  expect_said({{{"check", "--dataset", "kitti", data}, 1, "image_02"},
+               {{"check", "--kitti-camera", "0", data}, 0, "kitti: 2 frames, 0 bad"},
+               {{"info", "--kitti-camera", "0", data}, 0, "2011_09_26_drive_0001_sync  day"},
+               {{"info", "--kitti-ranges", "12", data}, 0, "-        12    0"},  // pixels, features, bad
+               {{"info", "--dataset", "plain", "--kitti-camera", "0", data}, 1, "is for dataset kitti"}});
 }
 
 TEST(Inspection, NothingIsNotGood) {
-  const Folder folder, logs;
+  const Folder folder, pictures;
   for (int i = 0; i < 3; ++i) write_grey(folder / ("morning/camera/" + std::to_string(i) + ".png"), 10 * i);
   std::filesystem::create_directories(folder / "empty");
-  for (const auto& [arguments, status, text] :
-       {std::tuple<Arguments, int, const char*>{
-            {"check", folder.path(), "--dataset", "plain"},
-            1,
-            "not taken: 1 empty folders, the first empty\nplain: 3 frames, 0 bad; kinds of files not taken: 1"},
-        {{"check", folder / "empty", "--dataset", "plain"}, 1, "no traversals found"},
-        {{"info", folder / "empty"}, 1, "no traversals found"},
-        {{"check", folder.path(), "--picture", logs / "x.svg"}, 1, "plain: 3 frames, 0 bad"},
-        {{"info", folder.path()}, 0, "morning"}}) {
-    Arguments all = arguments;
-    all.insert(all.begin(), CITYLEARN_DATA);
-    Service program(all, logs / "log");
-    EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
-    EXPECT_TRUE(contains(program.output(), text)) << program.output();
-  }
-  EXPECT_TRUE(contains(contents(logs / "x.svg"), "no recording has places"));
+  expect_said({{{"check", folder.path(), "--dataset", "plain"},
+                1,
+                "not taken: 1 empty folders, the first empty\nplain: 3 frames, 0 bad; kinds of files not taken: 1"},
+               {{"check", folder / "empty", "--dataset", "plain"}, 1, "no traversals found"},
+               {{"info", folder / "empty"}, 1, "no traversals found"},
+               {{"check", folder.path(), "--picture", pictures / "x.svg"}, 1, "plain: 3 frames, 0 bad"},
+               {{"info", folder.path()}, 0, "morning"}});
+  EXPECT_TRUE(contains(contents(pictures / "x.svg"), "no recording has places"));
 }
 
 TEST(Inspection, ListsDatasets) {
