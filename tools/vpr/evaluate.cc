@@ -15,7 +15,6 @@
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/encoding/picture_encoder.h"
-#include "env_service/files/text_table.h"
 #include "env_service/geometry/plane.h"
 #include "tools/lab/descriptors.h"
 #include "tools/lab/programs.h"
@@ -166,11 +165,8 @@ class Evaluation {
         if (name != reference) queries.push_back(name);
     if (queries.empty())
       throw Error("the dataset has one traversal only", "--query", "name the reference to compare it to itself");
-    if (!options_.matches.empty() && queries.size() > 1)
-      throw Error("holds for one query, but there are " + std::to_string(queries.size()), "--matches");
     Selection selection = options_.source.selection;
-    const bool own_frames = !options_.matches.empty() || options_.radius > 0;
-    const std::string sibling = !selection.align.empty() ? selection.align : own_frames ? "" : reference;
+    const std::string sibling = !selection.align.empty() ? selection.align : options_.radius > 0 ? "" : reference;
     const auto get = [&](const std::string& name) {
       selection.align = name == sibling ? "" : sibling;
       return select(*dataset, name, selection);
@@ -188,18 +184,7 @@ class Evaluation {
     if (options_.radius > 0)
       return GroundTruth::by_matches(pairs_within(reference_, query, options_.radius), reference_.frames, query.frames,
                                      0);
-    if (options_.matches.empty()) return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
-    const TextTable file(options_.matches, {});
-    std::vector<std::pair<int, int>> matches;
-    for (int row = 0; row < file.rows(); ++row) {
-      const double reference = file.number(row, "reference"), other = file.number(row, "query");
-      if (!(reference >= 0 && reference < reference_.frames && other >= 0 && other < query.frames))
-        file.fail(row, "a frame outside of the recordings",
-                  "frames are counted from 0, after the selection; there are " + std::to_string(reference_.frames) +
-                      " and " + std::to_string(query.frames));
-      matches.push_back({static_cast<int>(reference), static_cast<int>(other)});
-    }
-    return GroundTruth::by_matches(matches, reference_.frames, query.frames, options_.tolerance);
+    return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
   }
 
   /// Makes all encoders before the first picture is encoded, so that a wrong option shows at once.

@@ -17,7 +17,6 @@ struct Options {
   // Recordings.
   Source source;  ///< its traversal is the reference
   std::vector<std::string> queries;
-  std::string matches;  ///< file of a CSV with columns reference, query; empty: frame i shows the place of frame i
   // Encoding.
   std::vector<std::string> encoders;  ///< empty: the default one, where there are pictures
   bool together = false;              ///< one encoder of them all, each with the same weight

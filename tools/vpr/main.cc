@@ -79,10 +79,6 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--reference", options.source.traversal, "Traversal whose frames are the places")
       ->capture_default_str();
   add_list(app, "--query", options.queries, "Traversals to recognise (all others)");
-  app.add_option("--matches", options.matches,
-                 "CSV with columns reference and query, pairs of frames that show the same place (disables alignment)")
-      ->type_name("FILE")
-      ->check(CLI::ExistingFile);
   add_selection_options(app, options.source.selection, "Selection");
   add_encoding(app, options, line);
   add_matching(app, options, line);
@@ -95,8 +91,7 @@ void add_options(CLI::App& app, CommandLine& line) {
                  "How many metres a right answer may be off, by latitude and longitude or, where those are not known, "
                  "along the route (replaces --tolerance, disables alignment)")
       ->type_name("METRES")
-      ->check(CLI::Range(0.01, 1e6))
-      ->excludes("--matches");
+      ->check(CLI::Range(0.01, 1e6));
   app.add_option(
          "--output", options.output,
          "Folder for index.html and what it shows: results.csv, results.json, curves.json, pr-*.svg, matches-*.jpg, "

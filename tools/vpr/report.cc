@@ -103,9 +103,8 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
       {"dataset", options.source.dataset},
       {"data", options.source.folder},
       {"reference", options.source.traversal},
-      {"ground_truth", options.radius > 0        ? "frames within " + number(options.radius) + " m"
-                       : options.matches.empty() ? "frame i of the query shows the place of frame i of the reference"
-                                                 : "pairs of " + options.matches},
+      {"ground_truth", options.radius > 0 ? "frames within " + number(options.radius) + " m"
+                                          : "frame i of the query shows the place of frame i of the reference"},
       {"measure", measure == Measure::kCosine ? "cosine"
                   : measure == Measure::kL2   ? "l2"
                                               : "l1"},

@@ -86,24 +86,6 @@ TEST(VprTool, FeaturesNeedNoEncoder) {
   EXPECT_EQ(picture.size(), cv::Size(60, 60));
 }
 
-TEST(VprTool, MatchesInsteadOfIndex) {
-  const Folder data, output;
-  write_features(data);
-  // Against itself with a truth that is shifted: half of the answers are wrong by ten frames, the others by eleven.
-  std::ofstream matches(data / "truth.txt");
-  matches << "query,reference\n";
-  for (int frame = 0; frame < 48; ++frame) matches << frame << "," << frame + 10 + frame % 2 << "\n";
-  matches.close();
-  const std::string common = "--dataset plain --data " + data.path() + " --query summer --centring none --matches " +
-                             data.path() + "/truth.txt --tolerance 10 --output " + output.path();
-  ASSERT_EQ(vpr(common).status, 0);
-  EXPECT_EQ(nlohmann::json::parse(contents(output / "results.json"))["rows"][0]["recall_1"], 0.5);
-  std::ofstream(data / "truth.txt", std::ios::app) << "60,0\n";
-  const Ended outside = vpr(common);
-  EXPECT_EQ(outside.status, 1);
-  EXPECT_TRUE(contains(outside.text, "truth.txt:50"));
-}
-
 TEST(VprTool, RightAnswersWithinMetres) {
   const auto recall = [](const std::string& truth) {
     const Folder output;
