@@ -10,8 +10,10 @@
 #include <vector>
 
 #include "core/wire/messages.h"
+#include "policy_service/learning/learner.h"
 #include "policy_service/learning/training_progress.h"
 #include "policy_service/network/trained_agent.h"
+#include "policy_service/rollout/collector.h"
 
 namespace citylearn {
 
