@@ -12,7 +12,6 @@
 
 #include "core/exchange/timing.h"
 #include "core/files/json.h"
-#include "core/util/version.h"
 #include "core/wire/service.h"
 
 namespace citylearn {
