@@ -27,8 +27,6 @@ void add_encoder_options(CLI::App& app, EncoderFiles& files,
   app.add_option("--model", files.model, "Network of the encoder, an ONNX file")->type_name("FILE");
   app.add_option("--layer", files.layer, "Name of its output layer; the last one by default");
   app.add_option("--preset", files.preset, "Input size, mean, deviation and layer of a known network");
-  app.add_option("--head", files.head, "Weights of the NetVLAD layer that follows the network (encoder netvlad)")
-      ->type_name("FILE");
   for (const auto* entry : EncoderRegistry::instance().entries())
     add_parameters(app, entry->name, entry->parameters, parameters[entry->name]);
 }

@@ -25,8 +25,8 @@ struct ChosenEncoder {
 /// Error when it is unknown.
 ChosenEncoder choose_encoder(const std::string& name, EncoderFiles files);
 
-/// Adds --model, --layer, --preset and --head under `group`, and --ENCODER-PARAMETER for each parameter of each
-/// encoder; those given end up in `parameters`, by encoder.
+/// Adds --model, --layer and --preset under `group`, and --ENCODER-PARAMETER for each parameter of each encoder; those
+/// given end up in `parameters`, by encoder.
 void add_encoder_options(CLI::App& app, EncoderFiles& files,
                          std::map<std::string, std::map<std::string, double>>& parameters, const std::string& group);
 

@@ -18,13 +18,8 @@ namespace citylearn {
 /// Adds the options of Imperfections; `group` heads them in --help.
 void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const std::string& group);
 
-/// Returns the traversal as it is recorded in this world. Its name tells all imperfections, "summer-slip0.1-kidnap1",
-/// so that results are not mixed with those of a better world. Without imperfections the traversal stays as it is.
-/// Throws Error when features are to be blurred.
-///
-/// Uneven speed: from each place to the next the recording advances by 0, 1 or 2 frames, each as likely, and is never
-/// more than uneven_speed frames ahead or behind. Places keep their positions. The traversal's hash and recording_seed
-/// decide all draws: siblings get different ones, and all env_services of a traversal the same.
+/// Returns the traversal with a name that tells all imperfections, "summer-slip0.1-kidnap1", so that results are not
+/// mixed with those of a better world. Without imperfections it stays as it is.
 Traversal imperfect(Traversal traversal, const Imperfections& imperfections);
 
 /// Draws what befalls one agent. Each kind of mishap has random numbers of its own, so slips and dropped frames come at

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/files/safetensors.h"
 
-#include <algorithm>
 #include <bit>
 #include <cstring>
 #include <nlohmann/json.hpp>
@@ -124,18 +123,13 @@ std::string shape_text(const std::vector<std::uint64_t>& shape) {
   return "[" + joined(shape, [](std::uint64_t side) { return std::to_string(side); }) + "]";
 }
 
-std::string Safetensors::bytes(const std::vector<std::string>& first) const {
-  std::vector<const std::pair<const std::string, Tensor>*> order;
-  for (const std::string& name : first)
-    if (const auto found = tensors.find(name); found != tensors.end()) order.push_back(&*found);
-  for (const auto& named : tensors)
-    if (std::find(first.begin(), first.end(), named.first) == first.end()) order.push_back(&named);
+std::string Safetensors::bytes() const {
   auto header = nlohmann::ordered_json::object();
   if (!metadata.empty()) header[kMetadata] = metadata;
   std::uint64_t at = 0;
-  for (const auto* named : order) {
-    const std::uint64_t end = at + named->second.numbers.size() * sizeof(float);
-    header[named->first] = {{"dtype", "F32"}, {"shape", named->second.shape}, {"data_offsets", {at, end}}};
+  for (const auto& [name, tensor] : tensors) {
+    const std::uint64_t end = at + tensor.numbers.size() * sizeof(float);
+    header[name] = {{"dtype", "F32"}, {"shape", tensor.shape}, {"data_offsets", {at, end}}};
     at = end;
   }
   std::string text = header.dump();
@@ -145,9 +139,8 @@ std::string Safetensors::bytes(const std::vector<std::string>& first) const {
   std::memcpy(all.data(), &length, sizeof length);
   all += text;
   all.reserve(all.size() + at);
-  for (const auto* named : order)
-    all.append(reinterpret_cast<const char*>(named->second.numbers.data()),
-               named->second.numbers.size() * sizeof(float));
+  for (const auto& [name, tensor] : tensors)
+    all.append(reinterpret_cast<const char*>(tensor.numbers.data()), tensor.numbers.size() * sizeof(float));
   return all;
 }
 

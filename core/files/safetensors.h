@@ -19,9 +19,8 @@ struct Safetensors {
   std::map<std::string, std::string> metadata;
   std::map<std::string, Tensor> tensors;
 
-  /// Returns the file. The same contents give the same bytes. The tensors named in `first` come first, the others
-  /// follow by name.
-  std::string bytes(const std::vector<std::string>& first = {}) const;
+  /// Returns the file, its tensors by name. The same contents give the same bytes.
+  std::string bytes() const;
   /// Reads a file. Throws Error naming `where` and the tensor when the header, a type or a shape is wrong, a tensor
   /// does not fit its bytes, or tensors overlap or leave holes. Sizes are checked before memory is taken.
   static Safetensors parse(std::string_view bytes, const std::string& where);

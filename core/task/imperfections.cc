@@ -17,18 +17,13 @@ std::string world_of(const Imperfections& imperfections) {
   add("slip", imperfections.slip);
   add("drop", imperfections.dropped_frames);
   add("kidnap", imperfections.kidnappings);
-  add("blur", imperfections.blurred_frames);
-  add("uneven", imperfections.uneven_speed);
-  if (imperfections.blurred_frames > 0 || imperfections.uneven_speed > 0) add("seed", imperfections.recording_seed);
   return text;
 }
 
 std::string world_of(const std::string& traversal) {
   static const std::regex kWorld = [] {
-    const std::string share = "(0\\.\\d+|\\d(\\.\\d+)?e-\\d+|1)", count = "[1-9]\\d*";
-    const std::string blur = "-blur" + share, uneven = "-uneven" + count;
-    return std::regex("((-slip" + share + ")?(-drop" + share + ")?(-kidnap" + count + ")?((" + blur + "(" + uneven +
-                      ")?|" + uneven + ")(-seed" + count + ")?)?)$");
+    const std::string share = "(0\\.\\d+|\\d(\\.\\d+)?e-\\d+|1)";
+    return std::regex("((-slip" + share + ")?(-drop" + share + ")?(-kidnap[1-9]\\d*)?)$");
   }();
   std::smatch found;
   std::regex_search(traversal, found, kWorld);  // finds the longest, maybe nothing at the end

@@ -8,15 +8,9 @@ namespace citylearn {
 
 /// Imperfections of the world of an env_service. Zero, the default of all, changes nothing.
 struct Imperfections {
-  // What befalls agents.
   double slip = 0;            ///< --slip P: probability that an action slips, so that it is done never or twice
   double dropped_frames = 0;  ///< --dropped-frames P: probability that after a step the frame before is seen again
   int kidnappings = 0;        ///< --kidnappings N: times an episode that the agent is carried to another place
-
-  // What befalls the recording.
-  double blurred_frames = 0;         ///< --blurred-frames P: share of pictures that are blurred
-  int uneven_speed = 0;              ///< --uneven-speed FRAMES: how far places and frames are apart at most
-  std::uint64_t recording_seed = 0;  ///< --recording-seed: which frames are blurred, where the speed changes
 
   bool operator==(const Imperfections&) const = default;
 };

@@ -60,7 +60,6 @@ struct EncoderFiles {
   std::string model;   ///< --model: file of the network
   std::string layer;   ///< --layer: output layer by name; empty: the network's last
   std::string preset;  ///< --preset: input size, mean, deviation, channel order and layer of a known network
-  std::string head;    ///< --head: file of the NetVLAD layer's weights and of what follows it
 };
 
 /// An encoder is one file of encoders/ that ends in a static Registration. It may recommend a reduction: "dimension",

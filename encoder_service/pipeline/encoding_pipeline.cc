@@ -73,7 +73,7 @@ EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& opti
   encoder_recipe_ = entry.name;
   for (const auto& [name, value] : parameters.values()) encoder_recipe_ += fmt::format(" {}={:g}", name, value);
   const EncoderFiles& files = options_.files;
-  for (const std::string& file : {files.model, files.layer, files.preset, files.head}) encoder_recipe_ += " " + file;
+  for (const std::string& file : {files.model, files.layer, files.preset}) encoder_recipe_ += " " + file;
   if (encoder_->training_sample_count() == 0) {
     encoder_ready_ = true;
     spec_ = encoder_->spec();

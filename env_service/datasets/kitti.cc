@@ -9,11 +9,9 @@
 #include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/places.h"
-#include "env_service/dataset_io/ranges.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
-#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {
@@ -64,30 +62,18 @@ std::string padded(int number, int width) {
 /// Positions: raw, along latitude and longitude at the pictures' times; odometry, along the poses' translations, as the
 /// benchmark's devkit measures them (trajectoryDistances). OXTS packets that are missing are passed over. _extract
 /// folders (unsynchronised) are read like _sync ones.
-/// A second camera's picture is put below the first one's, not beside it: they are three times as wide as high, and
-/// encoders shrink them to inputs that are at most twice so. Instead of pictures, frames can be the nearest ranges
-/// (ranges.h) of the Velodyne's scans, raw velodyne_points/data/0000000000.bin with velodyne_points/timestamps.txt or
-/// odometry sequences/NN/velodyne/000000.bin: features that need no encoder. Frames without a scan are then left out.
 class Kitti : public FolderDataset {
  public:
   Kitti(const std::string& folder, const Parameters& parameters)
       : FolderDataset("kitti", folder, "sequences/NN or <date>/<date>_drive_NNNN_sync folders"),
-        camera_(parameters.integer("camera")),
-        second_camera_(parameters.integer("second-camera")),
-        ranges_(parameters.integer("ranges")) {
-    if (second_camera_ == camera_)
-      throw Error("is camera " + std::to_string(camera_) + " already", "--kitti-second-camera", "name another one");
-    if (second_camera_ >= 0 && ranges_ > 0)
-      throw Error("shows no pictures", "--kitti-ranges", "leave out --kitti-second-camera, or it");
-  }
+        camera_(std::to_string(parameters.integer("camera"))) {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     for (const auto& [name, path] : recordings()) found.push_back(name);
     if (!found.empty()) return found;
-    not_recognised("sequences/NN/" + joined(odometry_sensors()) + " or <date>/<date>_drive_NNNN_sync/" +
-                   joined(raw_sensors()) + " in it" +
-                   (ranges_ > 0 ? "" : " (--kitti-camera and --kitti-second-camera choose others)"));
+    not_recognised("sequences/NN/image_" + camera_ + " or <date>/<date>_drive_NNNN_sync/image_0" + camera_ +
+                   " in it (--kitti-camera chooses another)");
   }
 
   std::string condition(const std::string&) override { return "day"; }
@@ -100,37 +86,21 @@ class Kitti : public FolderDataset {
     return name.size() == 2 ? read_odometry(name) : read_raw(name, recordings().at(name));
   }
 
-  /// Folders of the sensors that are shown, in one of a raw recording.
-  std::vector<std::string> raw_sensors() const { return sensors("velodyne_points", "image_0"); }
-  /// Likewise of an odometry sequence.
-  std::vector<std::string> odometry_sensors() const { return sensors("velodyne", "image_"); }
-  std::vector<std::string> sensors(const std::string& laser, const std::string& camera) const {
-    if (ranges_ > 0) return {laser};
-    std::vector<std::string> folders{camera + std::to_string(camera_)};
-    if (second_camera_ >= 0) folders.push_back(camera + std::to_string(second_camera_));
-    return folders;
-  }
-
   /// Returns the recordings' folders by name.
   std::map<std::string, std::string> recordings() const {
     std::map<std::string, std::string> found;
     if (!is_folder(folder_)) return found;
     const std::string sequences = below(folder_, "sequences");
-    const auto has_all = [](const std::string& folder, const std::vector<std::string>& sensors, const auto& has) {
-      return std::all_of(sensors.begin(), sensors.end(),
-                         [&](const std::string& name) { return has(below(folder, name)); });
-    };
     if (is_folder(sequences))
       for (const std::string& name : folders_in(sequences))
-        if (has_form(name, "00") && has_all(below(sequences, name), odometry_sensors(), is_folder))
+        if (has_form(name, "00") && is_folder(below(sequences, name + "/image_" + camera_)))
           found[name] = below(sequences, name);
     const auto look_in = [&](const std::string& folder) {
       for (const std::string& name : folders_in(folder)) {
         const bool form =
             has_form(name, "0000_00_00_drive_0000_sync") || has_form(name, "0000_00_00_drive_0000_extract");
-        if (form && has_all(below(folder, name), raw_sensors(), [](const std::string& sensor) {
-              return is_folder(below(sensor, "data")) || is_file(below(sensor, "timestamps.txt"));
-            }))
+        const std::string pictures = below(folder, name + "/image_0" + camera_);
+        if (form && (is_folder(below(pictures, "data")) || is_file(below(pictures, "timestamps.txt"))))
           found[name] = below(folder, name);
       }
     };
@@ -141,51 +111,19 @@ class Kitti : public FolderDataset {
   }
 
   Traversal read_raw(const std::string& name, const std::string& drive) const {
-    std::vector<std::string> data;
-    for (const std::string& sensor : raw_sensors()) data.push_back(below(drive, sensor + "/data"));
-    const std::vector<double> times = read_times(below(drive, raw_sensors().front() + "/timestamps.txt"));
-    Traversal traversal = seen(name, data, static_cast<int>(times.size()), 10);
+    const std::string pictures = below(drive, "image_0" + camera_);
+    const std::vector<double> times = read_times(below(pictures, "timestamps.txt"));
+    Traversal traversal = seen(name, below(pictures, "data"), static_cast<int>(times.size()), 10);
     traversal.times = times;
     locate_by_oxts(traversal, drive);
-    if (ranges_ > 0) scan(traversal, data.front());
     return traversal;
   }
 
-  /// Returns a traversal with the pictures of the cameras' folders, or without any where the ranges will be shown.
-  Traversal seen(const std::string& name, const std::vector<std::string>& folders, int frames, int digits) const {
-    if (ranges_ > 0) return unfilled(name, frames, folders.front());
-    std::vector<std::shared_ptr<Images>> cameras;
-    for (const std::string& folder : folders) {
-      std::vector<std::string> paths;
-      for (int frame = 0; frame < frames; ++frame) paths.push_back(below(folder, padded(frame, digits) + ".png"));
-      cameras.push_back(image_files(std::move(paths), folder_));
-    }
-    return pictured(name, cameras.size() == 1 ? cameras[0] : stacked(cameras[0], cameras[1]), folders.front());
-  }
-
-  /// Fills the frames with the nearest ranges of the scans in `folder` and keeps those that have a scan.
-  void scan(Traversal& traversal, const std::string& folder) const {
-    const std::vector<std::string> files = files_in(folder, {".bin"});
-    // Where scans are missing, their times may be missing too: as many times as scans belong to one another in turn.
-    const bool in_turn = static_cast<int>(files.size()) == traversal.frames;
-    std::vector<int> scanned;
-    std::vector<float> ranges;
-    for (const std::string& file : files) {
-      const long frame = in_turn ? static_cast<long>(scanned.size()) : last_number(stem_of(file));
-      if (frame < 0 || frame >= traversal.frames)
-        throw Error("is the scan of no frame: the recording has " + std::to_string(traversal.frames) + " times",
-                    below(folder, file));
-      const std::vector<float> nearest = nearest_ranges(below(folder, file), ranges_);
-      ranges.insert(ranges.end(), nearest.begin(), nearest.end());
-      scanned.push_back(static_cast<int>(frame));
-    }
-    if (scanned.size() < 2) throw Error("has " + std::to_string(scanned.size()) + " scans, a route needs two", folder);
-    if (!in_turn)
-      spdlog::warn("{}: {} of {} frames have no scan and are left out", folder,
-                   traversal.frames - static_cast<int>(scanned.size()), traversal.frames);
-    traversal.keep(scanned);
-    traversal.dimension = ranges_;
-    traversal.features = std::move(ranges);
+  /// Returns a traversal with the pictures of a folder, named by numbers of so many digits.
+  Traversal seen(const std::string& name, const std::string& folder, int frames, int digits) const {
+    std::vector<std::string> paths;
+    for (int frame = 0; frame < frames; ++frame) paths.push_back(below(folder, padded(frame, digits) + ".png"));
+    return pictured(name, std::move(paths), folder);
   }
 
   static void locate_by_oxts(Traversal& traversal, const std::string& drive) {
@@ -214,13 +152,10 @@ class Kitti : public FolderDataset {
 
   Traversal read_odometry(const std::string& name) const {
     const std::string sequence = below(folder_, "sequences/" + name);
-    std::vector<std::string> data;
-    for (const std::string& sensor : odometry_sensors()) data.push_back(below(sequence, sensor));
     const TextTable clock(below(sequence, "times.txt"), {' ', false});
-    Traversal traversal = seen(name, data, clock.rows(), 6);
+    Traversal traversal = seen(name, below(sequence, "image_" + camera_), clock.rows(), 6);
     for (int frame = 0; frame < clock.rows(); ++frame) traversal.times.push_back(clock.number(frame, 0));
     locate_by_poses(traversal);
-    if (ranges_ > 0) scan(traversal, data.front());
     return traversal;
   }
 
@@ -249,18 +184,13 @@ class Kitti : public FolderDataset {
     traversal.height = std::move(y);
   }
 
-  const int camera_;
-  const int second_camera_;  ///< -1: none
-  const int ranges_;         ///< bins of a scan; 0: pictures are shown
+  const std::string camera_;  ///< its digit
 };
 
 const DatasetRegistry::Registration kitti_registration({
     "kitti",
     "KITTI: drives around Karlsruhe, raw recordings and the odometry benchmark",
-    {{"camera", "0 left grey, 1 right grey, 2 left colour, 3 right colour", 2, 0, 3, true},
-     {"second-camera", "Its picture is put below the camera's; -1: none", -1, -1, 3, true},
-     {"ranges", "Show no pictures but the nearest range in so many bins of the Velodyne's turn, metres; 0: pictures", 0,
-      0, 2048, true}},
+    {{"camera", "0 left grey, 1 right grey, 2 left colour, 3 right colour", 2, 0, 3, true}},
     open_folder<Kitti>,
     {},
     {{"paper", "Geiger, Lenz, Stiller, Urtasun: Vision meets Robotics: The KITTI Dataset, IJRR 2013"},

@@ -225,49 +225,6 @@ class Changed : public DerivedImages {
   std::function<cv::Mat(const cv::Mat&)> change_;
 };
 
-class Stacked : public DerivedImages {
- public:
-  Stacked(std::shared_ptr<Images> above, std::shared_ptr<Images> below)
-      : DerivedImages(std::move(above)), below_(std::move(below)) {}
-
-  int frames() const override { return std::min(images_->frames(), below_->frames()); }
-  std::string name(int frame) const override { return images_->name(frame) + " over " + below_->name(frame); }
-  std::uint64_t fingerprint(int frame) const override {
-    Sha256 sha;
-    sha.add("stacked");
-    sha.add(images_->fingerprint(frame));
-    sha.add(below_->fingerprint(frame));
-    return sha.first_8_bytes();
-  }
-  std::string fault(int frame) const override {
-    if (std::string fault = images_->fault(frame); !fault.empty()) return fault;
-    const std::string fault = below_->fault(frame);
-    return fault.empty() ? "" : below_->name(frame) + ": " + fault;
-  }
-  void read(int frame, Bytes& bytes) override {
-    try {
-      images_->read(frame, bytes);
-      cv::Mat above = decode_stored(bytes, images_->name(frame));
-      below_->read(frame, bytes);
-      cv::Mat below = decode_stored(bytes, below_->name(frame));
-      if (above.cols != below.cols)
-        throw Error("the pictures are " + std::to_string(above.cols) + " and " + std::to_string(below.cols) +
-                        " pixels wide, so that one cannot stand over the other",
-                    name(frame), "take two cameras of one size");
-      for (cv::Mat* picture : {&above, &below})
-        if (picture->channels() < std::max(above.channels(), below.channels()))
-          cv::cvtColor(*picture, *picture, cv::COLOR_GRAY2BGR);
-      cv::vconcat(above, below, above);
-      encode_png(above, bytes);
-    } catch (const cv::Exception& error) {
-      throw Error(error.err, name(frame));
-    }
-  }
-
- private:
-  const std::shared_ptr<Images> below_;
-};
-
 class Picked : public DerivedImages {
  public:
   Picked(std::shared_ptr<Images> images, std::vector<int> which)
@@ -356,10 +313,6 @@ std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::s
 std::shared_ptr<Images> changed(std::shared_ptr<Images> images, const std::string& recipe,
                                 std::function<cv::Mat(const cv::Mat&)> change) {
   return std::make_shared<Changed>(std::move(images), recipe, std::move(change));
-}
-
-std::shared_ptr<Images> stacked(std::shared_ptr<Images> above, std::shared_ptr<Images> below) {
-  return std::make_shared<Stacked>(std::move(above), std::move(below));
 }
 
 std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which) {

@@ -32,10 +32,6 @@ std::shared_ptr<Images> video_frames(const std::string& path, const std::string&
 std::shared_ptr<Images> changed(std::shared_ptr<Images> images, const std::string& recipe,
                                 std::function<cv::Mat(const cv::Mat&)> change);
 
-/// Returns the pictures of `above`, each with that of `below` beneath it; grey only when both are. read() throws Error
-/// naming both when their widths differ.
-std::shared_ptr<Images> stacked(std::shared_ptr<Images> above, std::shared_ptr<Images> below);
-
 /// Returns the frames `which` of `images`, in that order; indices may repeat.
 std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which);
 

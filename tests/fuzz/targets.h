@@ -28,8 +28,8 @@ bool dataset_folder(Input input);
 bool feature_store(Input input);
 /// An image file: its header, image_fault(), and decoded when it has at most 2 megapixels.
 bool picture(Input input);
-/// Reads what encoders read beside pictures. The first byte chooses: a reduction, the head of NetVLAD, the frame of an
-/// ONNX model (the model itself is OpenCV's to read).
+/// Reads what encoders read beside pictures. The first byte chooses: a reduction, or the frame of an ONNX
+/// model (the model itself is OpenCV's to read).
 bool encoder_file(Input input);
 /// A recording: all its messages, their headers, and those changed to another run. Taken when it is whole.
 bool mcap_file(Input input);

@@ -52,9 +52,8 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   EXPECT_EQ(output({"--list-traversals", "--synthetic-images", "0"}, 0), "summer\nfall\nwinter\nnight\n");
   EXPECT_EQ(output({"--show", "--frames", "3:20"}, 0),
             "dataset synthetic\ntraversal summer\nframes 17\nimages yes\nfeatures 0\nmatched by index\n");
-  EXPECT_EQ(
-      output({"--show", "--frames", "3:20", "--slip", "0.1", "--blurred-frames", "0.5"}, 0),
-      "dataset synthetic\ntraversal summer-slip0.1-blur0.5\nframes 17\nimages yes\nfeatures 0\nmatched by index\n");
+  EXPECT_EQ(output({"--show", "--frames", "3:20", "--slip", "0.1"}, 0),
+            "dataset synthetic\ntraversal summer-slip0.1\nframes 17\nimages yes\nfeatures 0\nmatched by index\n");
   write("b b.csv", "1\n2\n");
   EXPECT_TRUE(contains(output({"--show", "--data", folder_.path(), "--traversal", "b b", "--kidnappings", "1"}, 0),
                        "\ntraversal b_b-kidnap1\n"));
@@ -87,7 +86,6 @@ TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
   EXPECT_TRUE(contains(complaint({"--synthetic-colour", "3"}, 2), "--synthetic-colour"));
   EXPECT_TRUE(contains(complaint({"--slip", "1.1"}, 2), "--slip"));
   EXPECT_TRUE(contains(complaint({"--slip", "nan"}, 2), "--slip: nan is not a number"));
-  EXPECT_TRUE(contains(complaint({"--blurred-frames", "0.1", "--synthetic-images", "0"}), "only pictures"));
   EXPECT_TRUE(contains(complaint({"--middleware", "rtps"}), "rtps"));
   EXPECT_TRUE(contains(complaint({"--domain", "233"}, 2), "--domain"));
 }

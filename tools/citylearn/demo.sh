@@ -35,7 +35,7 @@ What it runs on
                        "$COMMAND encoder --list" shows all. FILE.py is
                        a function of yours. Options of the encoder may follow:
                        --dimension --centring --whitening --model --layer
-                       --preset --head --store
+                       --preset --store
   --plugin A.so[,B.so] datasets, encoders, networks and learners of your own
   --DATASET-X, --ENCODER-X   parameters that "$COMMAND env --list" and
                        "$COMMAND encoder --list" show, as --kitti-camera
@@ -203,13 +203,13 @@ repeatable() {
   [ $# -gt 0 ] || set -- --output=   # which is the default
   for word; do
     case $option in
-      --data|--model|--head|--initial) word=$(realpath -ms "$word") ;;
+      --data|--model|--initial) word=$(realpath -ms "$word") ;;
       --encoder) [[ $word != *.py ]] || word=$(realpath -ms "$word") ;;
       --plugin) word=$(absolute_list "$word") ;;
     esac
     option=$word
     case $word in
-      --data=*|--model=*|--head=*|--initial=*|--encoder=*.py) word=${word%%=*}=$(realpath -ms "${word#*=}") ;;
+      --data=*|--model=*|--initial=*|--encoder=*.py) word=${word%%=*}=$(realpath -ms "${word#*=}") ;;
       --plugin=*) word=--plugin=$(absolute_list "${word#*=}") ;;
     esac
     printf '%s\0' "$word"
@@ -229,7 +229,7 @@ as_source() {
     esac
     case $name in
       --plugin|--store) continue ;;
-      --data|--model|--head) value=$(realpath -ms "$value") ;;
+      --data|--model) value=$(realpath -ms "$value") ;;
       --encoder) [[ $value != *.py ]] || value=$(realpath -ms "$value") ;;
     esac
     printf '%s\0' --source "${name#--}=$value"
@@ -270,15 +270,15 @@ demo() {
         declare "${1#--}=$2"; shift 2 ;;
       --data=*|--dataset=*|--train=*|--evaluate=*|--frames=*|--middleware=*|--output=*|--port=*|--slip=*)
         local name=${1%%=*}; declare "${name#--}=${1#*=}"; shift ;;
-      --encoder|--dimension|--centring|--whitening|--model|--layer|--preset|--head|--store)
+      --encoder|--dimension|--centring|--whitening|--model|--layer|--preset|--store)
         needs "$@"
         encoding+=("$1" "$2"); shift 2 ;;
-      --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--head=*|--store=*)
+      --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--store=*)
         encoding+=("$1"); shift ;;
-      --dropped-frames|--kidnappings|--blurred-frames|--uneven-speed|--recording-seed|--goal-place)
+      --dropped-frames|--kidnappings|--goal-place)
         needs "$@"
         world+=("$1" "$2"); shift 2 ;;
-      --dropped-frames=*|--kidnappings=*|--blurred-frames=*|--uneven-speed=*|--recording-seed=*|--goal-place=*) world+=("$1"); shift ;;
+      --dropped-frames=*|--kidnappings=*|--goal-place=*) world+=("$1"); shift ;;
       --rule) needs "$@"; rule=(--rule "$2"); shift 2 ;;
       --rule=*) rule=("$1"); shift ;;
       --align-by|--align-within)

@@ -13,9 +13,8 @@
 
 namespace citylearn::testing {
 
-inline EncoderFiles network(const std::string& model, const std::string& layer = "", const std::string& preset = "",
-                            const std::string& head = "") {
-  return {model, layer, preset, head};
+inline EncoderFiles network(const std::string& model, const std::string& layer = "", const std::string& preset = "") {
+  return {model, layer, preset};
 }
 
 /// A graph with nodes one after the other: each reads the output of the one before.

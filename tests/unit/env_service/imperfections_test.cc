@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <opencv2/core.hpp>
 #include <optional>
 #include <string>
 #include <utility>
@@ -15,8 +14,6 @@
 #include "core/task/reward.h"
 #include "core/task/spl.h"
 #include "core/task/state_map.h"
-#include "env_service/images/image_sources.h"
-#include "tests/support/data/fake_images.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
 #include "tests/support/env/scripted_policy.h"
@@ -162,83 +159,15 @@ TEST(ImperfectWorld, HasRandomNumbersOfItsOwn) {
     ASSERT_EQ(slipping[i].after.position(), both[i].after.position()) << "the same slips, whatever is dropped";
 }
 
-/// 400 pictures of 40 x 2 pixels, one column of each white.
-class Columns : public FakeImages {
- public:
-  Columns() : FakeImages(400) {}
-  void read(int frame, Bytes& bytes) override {
-    cv::Mat picture = cv::Mat::zeros(2, 40, CV_8UC1);
-    picture.col(frame % 40).setTo(255);
-    encode_png(picture, bytes);
-  }
-};
-
-Traversal pictured() {
-  Traversal traversal = small_traversal(400);
-  traversal.dimension = 0;
-  traversal.features.clear();
-  traversal.images = std::make_shared<Columns>();
-  return traversal;
-}
-
-TEST(ImperfectRecording, BlursItsShareOfThePictures) {
-  const Traversal sharp = pictured(), blurred = imperfect(pictured(), {.blurred_frames = 0.25});
-  EXPECT_EQ(blurred.name, "line-blur0.25");
-  EXPECT_NE(blurred.hash(), sharp.hash()) << "encoders know pictures by it";
-  EXPECT_EQ(blurred.hash(), imperfect(pictured(), {.blurred_frames = 0.25}).hash());
-  EXPECT_NE(blurred.hash(), imperfect(pictured(), {.blurred_frames = 0.25, .recording_seed = 1}).hash());
-  Bytes bytes;
-  int count = 0;
-  for (int frame = 0; frame < 400; ++frame) {
-    blurred.images->read(frame, bytes);
-    const cv::Mat picture = decode_image(bytes, "picture");
-    const bool changed = blurred.images->fingerprint(frame) != sharp.images->fingerprint(frame);
-    EXPECT_EQ(cv::countNonZero(picture.reshape(1)) > 6, changed) << "white smears sideways";
-    count += changed;
-  }
-  EXPECT_NEAR(count, 100, 30);
-  EXPECT_EQ(error_of([] { (void)imperfect(small_traversal(9), {.blurred_frames = 0.1}); }),
-            "--blurred-frames: traversal 'line' has features, and only pictures can be blurred "
-            "(leave it out, or host the pictures)");
-}
-
-TEST(ImperfectRecording, UnevenSpeedShowsFramesAheadAndBehind) {
-  const Traversal even = small_traversal(400), uneven = imperfect(even, {.uneven_speed = 5, .recording_seed = 3});
-  EXPECT_EQ(uneven.name, "line-uneven5-seed3");
-  EXPECT_EQ(uneven.positions, even.positions);
-  EXPECT_NE(uneven.hash(), even.hash());
-  int before = 0, farthest = 0, ahead = 0, behind = 0;
-  for (int place = 0; place < 400; ++place) {
-    const int frame = static_cast<int>(uneven.feature(place)[0]), passed = frame - before;
-    EXPECT_TRUE(passed >= 0 && passed <= 2) << passed << " frames to place " << place;
-    EXPECT_EQ(uneven.feature(place)[1], static_cast<float>(frame) + 0.5f);
-    farthest = std::max(farthest, std::abs(frame - place));
-    ahead += frame > place;
-    behind += frame < place;
-    before = frame;
-  }
-  EXPECT_EQ(farthest, 5);
-  EXPECT_GT(ahead, 50);
-  EXPECT_GT(behind, 50);
-  const Traversal pictures = imperfect(pictured(), {.uneven_speed = 5});
-  EXPECT_EQ(pictures.images->frames(), 400);
-  EXPECT_NE(pictures.hash(), pictured().hash());
-}
-
 TEST(ImperfectRecording, IsNamedAfterItsImperfections) {
-  const Traversal plain = imperfect(small_traversal(9), {.recording_seed = 7});
+  const Traversal plain = imperfect(small_traversal(9), {});
   EXPECT_EQ(plain.name, "line");
   EXPECT_EQ(plain.hash(), small_traversal(9).hash());
   const Imperfections agents = {.slip = 0.1, .dropped_frames = 0.05, .kidnappings = 1};
   EXPECT_EQ(imperfect(small_traversal(9), agents).name, "line-slip0.1-drop0.05-kidnap1");
   EXPECT_EQ(imperfect(small_traversal(9), agents).hash(), small_traversal(9).hash());
-  Imperfections all = agents;
-  all.blurred_frames = 1e-5;
-  all.uneven_speed = 12;
-  all.recording_seed = 30;
-  for (const Imperfections& one : {agents, all, Imperfections{.slip = 1}, Imperfections{.dropped_frames = 1.5e-7},
-                                   Imperfections{.kidnappings = 20}, Imperfections{.blurred_frames = 0.25},
-                                   Imperfections{.uneven_speed = 3, .recording_seed = 7}})
+  for (const Imperfections& one :
+       {agents, Imperfections{.slip = 1}, Imperfections{.dropped_frames = 1.5e-7}, Imperfections{.kidnappings = 20}})
     for (const std::string recording : {"a", "a-slip", "a-seed3"})
       EXPECT_EQ(world_of(name_in_world(recording, world_of(one))), world_of(one)) << recording;
   EXPECT_EQ(world_of("a-slip0.2-slip0.1-drop0.1"), "slip0.1-drop0.1") << "one recorded of a world that slips";
@@ -253,7 +182,7 @@ TEST(ImperfectRecording, IsNamedAfterItsImperfections) {
 /// An env_service in this process, whose episodes come over the wire, against an Environment walked by hand.
 TEST(ImperfectWorld, OnTheWireIsThatOfTheEnvironment) {
   spdlog::set_level(spdlog::level::warn);
-  const Imperfections imperfections = {.slip = 0.1, .dropped_frames = 0.1, .kidnappings = 1, .uneven_speed = 2};
+  const Imperfections imperfections = {.slip = 0.1, .dropped_frames = 0.1, .kidnappings = 1};
   const Traversal traversal = imperfect(small_traversal(60), imperfections);
   EnvServiceOptions options;
   options.agents = 4;
@@ -261,7 +190,7 @@ TEST(ImperfectWorld, OnTheWireIsThatOfTheEnvironment) {
   options.node.session = "imperfect-world";
   options.node.middleware = middleware_options("inprocess", 47);
   const EnvServiceThread host(options, traversal);
-  const std::string name = "line-slip0.1-drop0.1-kidnap1-uneven2";
+  const std::string name = "line-slip0.1-drop0.1-kidnap1";
   ScriptedPolicy policy(middleware_options("inprocess", 47), options.node.session, "env-" + name);
   ShortestPath walker;
   policy.walker = &walker;

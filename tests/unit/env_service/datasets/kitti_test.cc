@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
 
-#include "env_service/dataset_io/ranges.h"
 #include "tests/paths.h"
 #include "tests/support/data/layouts.h"
 #include "tests/support/data/real_data.h"
-#include "tests/support/data/scans.h"
 #include "tests/support/log.h"
 #include "tests/support/text.h"
 
@@ -102,117 +100,6 @@ TEST_F(KittiRaw, OtherFoldersAreNotIt) {
   EXPECT_TRUE(holds(error_of([&] { make_dataset("kitti", folder_.path(), {{"camera", 0}})->names(); }), "image_00"));
 }
 
-TEST_F(KittiRaw, ASecondCameraIsShownBelowTheFirst) {
-  const Traversal first = load();
-  for (int i = 0; i < 3; ++i)
-    write_picture(drive_ + "/image_03/data/000000000" + std::to_string(i) + ".png", {0, 0, 10.0 + i}, {16, 6});
-  const Traversal both = load({{"second-camera", 3}});
-  const cv::Mat picture = picture_of(both, 1);
-  EXPECT_EQ(picture.size(), cv::Size(16, 8 + 6));
-  EXPECT_EQ(picture.at<cv::Vec3b>(7, 0), cv::Vec3b(100, 100, 100));
-  EXPECT_EQ(picture.at<cv::Vec3b>(8, 0), cv::Vec3b(0, 0, 11));
-  EXPECT_TRUE(holds(both.images->name(1), "image_02/data/0000000001.png over ")) << both.images->name(1);
-  EXPECT_EQ(both.positions, first.positions);
-  EXPECT_NE(both.hash(), first.hash());
-  write_picture(drive_ + "/image_03/data/0000000002.png", {0, 0, 99}, {16, 6});
-  EXPECT_NE(load({{"second-camera", 3}}).hash(), both.hash());
-  // The other way about it is another traversal: cameras are not interchangeable.
-  fs::copy(drive_ + "/image_02/timestamps.txt", drive_ + "/image_03/timestamps.txt");
-  EXPECT_NE(load({{"camera", 3}, {"second-camera", 2}}).hash(), load({{"second-camera", 3}}).hash());
-}
-
-TEST_F(KittiRaw, AGreyCameraAndOneInColourAreShownInColour) {
-  for (int i = 0; i < 3; ++i) {
-    const std::string path = drive_ + "/image_00/data/000000000" + std::to_string(i) + ".png";
-    fs::create_directories(fs::path(path).parent_path());
-    ASSERT_TRUE(cv::imwrite(path, cv::Mat(8, 16, CV_8UC1, cv::Scalar(7))));
-    write_picture(drive_ + "/image_02/data/000000000" + std::to_string(i) + ".png", {1, 2, 3});
-  }
-  const cv::Mat picture = picture_of(load({{"second-camera", 0}}), 0);
-  EXPECT_EQ(picture.at<cv::Vec3b>(0, 0), cv::Vec3b(1, 2, 3));
-  EXPECT_EQ(picture.at<cv::Vec3b>(8, 0), cv::Vec3b(7, 7, 7));
-}
-
-TEST_F(KittiRaw, TellsWhatIsWrongWithASecondCamera) {
-  EXPECT_TRUE(holds(error_of([&] { load({{"second-camera", 2}}); }), "--kitti-second-camera: is camera 2 already"));
-  EXPECT_TRUE(holds(error_of([&] { load({{"second-camera", 3}}); }), "image_02, image_03 in it"));
-  EXPECT_TRUE(holds(error_of([&] {
-                      load({{"second-camera", 3}, {"ranges", 8}});
-                    }),
-                    "--kitti-ranges: shows no pictures"));
-  write_picture(drive_ + "/image_03/data/0000000000.png", {1, 1, 1}, {15, 8});
-  const Traversal traversal = load({{"second-camera", 3}});
-  EXPECT_EQ(traversal.images->fault(0), "");
-  const std::string wrong = error_of([&] { picture_of(traversal, 0); });
-  EXPECT_TRUE(holds(wrong, "image_03/data/0000000000.png: the pictures are 16 and 15 pixels wide")) << wrong;
-  EXPECT_TRUE(holds(traversal.images->fault(1), "image_03/data/0000000001.png: missing")) << traversal.images->fault(1);
-}
-
-/// Three scans; in scan i a wall stands i + 10 m ahead.
-class KittiRanges : public KittiRaw {
- protected:
-  void SetUp() override {
-    KittiRaw::SetUp();
-    for (int i = 0; i < 3; ++i) write_scan(scan(i), {{10.0f + static_cast<float>(i), 0.1f, 0}});
-    fs::copy(drive_ + "/image_02/timestamps.txt", drive_ + "/velodyne_points/timestamps.txt");
-  }
-  std::string scan(int number) const {
-    return drive_ + "/velodyne_points/data/000000000" + std::to_string(number) + ".bin";
-  }
-};
-
-TEST_F(KittiRanges, AreFeaturesThatNeedNoPictures) {
-  fs::remove_all(drive_ + "/image_02");
-  const Log log;
-  const Traversal traversal = load({{"ranges", 4}});
-  EXPECT_EQ(traversal.images, nullptr);
-  ASSERT_EQ(traversal.frames, 3);
-  ASSERT_EQ(traversal.dimension, 4);
-  for (int i = 0; i < 3; ++i) {
-    EXPECT_NEAR(traversal.feature(i)[2], 10 + i, 1e-2);
-    for (const int nothing : {0, 1, 3}) EXPECT_EQ(traversal.feature(i)[nothing], kMaxRange);
-  }
-  EXPECT_NEAR(traversal.latitude[1], 0.001, 1e-7);
-  EXPECT_EQ(log.text(), "");
-  write_scan(scan(1), {});
-  EXPECT_NE(load({{"ranges", 4}}).hash(), traversal.hash());
-}
-
-TEST_F(KittiRanges, FramesWithoutAScanAreLeftOut) {
-  fs::remove(scan(1));
-  {
-    const Log log;
-    const Traversal traversal = load({{"ranges", 4}});
-    ASSERT_EQ(traversal.frames, 2);
-    EXPECT_NEAR(traversal.feature(1)[2], 12, 1e-2);
-    EXPECT_NEAR(traversal.latitude[1], 0.002, 1e-7);
-    EXPECT_NEAR(traversal.positions[1] - traversal.positions[0], 0.002 * kDegree, 0.01);
-    EXPECT_NEAR(traversal.times[1] - traversal.times[0], 0.02, 1e-6);
-    EXPECT_TRUE(log.has("velodyne_points/data: 1 of 3 frames have no scan and are left out")) << log.text();
-  }
-  // Its time is missing too.
-  make_file(drive_ + "/velodyne_points/timestamps.txt",
-            "2011-09-26 13:02:25.900000000\n2011-09-26 13:02:25.920000000\n");
-  const Log log;
-  const Traversal traversal = load({{"ranges", 4}});
-  EXPECT_NEAR(traversal.latitude[1], 0.002, 1e-7);
-  EXPECT_EQ(log.text(), "");
-}
-
-TEST_F(KittiRanges, TellWhatIsMissingOrBroken) {
-  const auto complaint = [&] { return error_of([&] { load({{"ranges", 4}}); }); };
-  fs::rename(scan(2), scan(3));
-  fs::remove(scan(1));
-  EXPECT_TRUE(holds(complaint(), "0000000003.bin: is the scan of no frame: the recording has 3 times")) << complaint();
-  fs::remove(scan(3));
-  EXPECT_TRUE(holds(complaint(), "velodyne_points/data: has 1 scans, a route needs two")) << complaint();
-  make_file(scan(1), "short");
-  EXPECT_TRUE(holds(complaint(), "0000000001.bin: is not a laser scan: 5 bytes")) << complaint();
-  fs::remove_all(drive_ + "/velodyne_points");
-  EXPECT_TRUE(holds(complaint(), "sequences/NN/velodyne or <date>/<date>_drive_NNNN_sync/velodyne_points"))
-      << complaint();
-}
-
 TEST(KittiOdometry, ReadsASequence) {
   const Folder folder;
   for (int i = 0; i < 3; ++i) write_picture(folder / "sequences/04/image_2/00000" + std::to_string(i) + ".png");
@@ -238,25 +125,6 @@ TEST(KittiOdometry, ReadsASequence) {
   EXPECT_TRUE(holds(error_of([&] { dataset->load("04"); }), "poses/04.txt:2"));
   fs::remove(folder / "poses/04.txt");
   EXPECT_TRUE(std::isnan(dataset->load("04").positions[2]));
-}
-
-TEST(KittiOdometry, ReadsStereoAndRanges) {
-  const Folder folder;
-  const std::string sequence = folder / "sequences/04";
-  for (int i = 0; i < 3; ++i) {
-    for (const char* camera : {"image_0", "image_1"})
-      write_picture(sequence + "/" + camera + "/00000" + std::to_string(i) + ".png");
-    if (i != 1) write_scan(sequence + "/velodyne/00000" + std::to_string(i) + ".bin", {{0, 5, 0}});
-  }
-  make_file(sequence + "/times.txt", "0.0e+00\n1.03e-01\n2.07e-01\n");
-  make_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 2 0 0 1 2\n1 0 0 1 0 1 0 2 0 0 1 5\n");
-  const auto load = [&](const std::map<std::string, double>& parameters) {
-    return make_dataset("kitti", folder.path(), parameters)->load("04");
-  };
-  EXPECT_EQ(picture_of(load({{"camera", 0}, {"second-camera", 1}}), 2).size(), cv::Size(16, 16));
-  const Traversal ranges = load({{"ranges", 2}});
-  EXPECT_EQ(ranges.features, (std::vector<float>{kMaxRange, 5, kMaxRange, 5}));
-  EXPECT_EQ(ranges.positions, (std::vector<float>{0, 6}));
 }
 
 TEST(KittiReal, Sequence00IsAsLongAsTheBenchmarkSays) {
@@ -304,34 +172,14 @@ TEST(KittiReal, TimesAndAPacketOfARawDrive) {
   EXPECT_FLOAT_EQ(traversal.positions[107], 0);
 }
 
-TEST(KittiReal, AStereoPairAndScansOfARawDrive) {
+TEST(KittiReal, PicturesOfARawDrive) {
   const std::string samples = real_data(CITYLEARN_SOURCE_DIR, "kitti-raw-sample");
   if (samples.empty()) GTEST_SKIP() << "skipped: no sample of a drive; CITYLEARN_DATA names its folder";
-  const std::string name = "2011_09_26_drive_0002_sync";
-  const Traversal pair = make_dataset("kitti", samples, {{"camera", 0}, {"second-camera", 1}})->load(name);
-  ASSERT_EQ(pair.frames, 10);
-  EXPECT_NEAR(pair.positions.back(), 8.18, 0.02);
-  for (int frame = 0; frame < pair.frames; ++frame) EXPECT_EQ(pair.images->fault(frame), "");
-  const cv::Mat both = picture_of(pair, 3),
-                left = picture_of(make_dataset("kitti", samples, {{"camera", 0}})->load(name), 3);
-  const cv::Mat right = picture_of(make_dataset("kitti", samples, {{"camera", 1}})->load(name), 3);
-  ASSERT_EQ(both.size(), cv::Size(1242, 750));
-  EXPECT_EQ(cv::norm(both.rowRange(0, 375), left, cv::NORM_INF), 0);
-  EXPECT_EQ(cv::norm(both.rowRange(375, 750), right, cv::NORM_INF), 0);
-
-  const Log log;
-  const Traversal ranges = make_dataset("kitti", samples, {{"ranges", 36}})->load(name);
-  EXPECT_TRUE(log.has("5 of 10 frames have no scan")) << log.text();
-  ASSERT_EQ(ranges.frames, 5);
-  // Scans come 17 ms before the pictures, at 9 m/s, and the first one before all packets.
-  EXPECT_NEAR(ranges.positions.back(), pair.positions[4], 0.2);
-  // As numpy computes them: a hedge 6 m to the left comes nearer, the street ahead is open.
-  EXPECT_NEAR(ranges.feature(0)[0], 48.307, 1e-3);
-  EXPECT_NEAR(ranges.feature(0)[18], 43.375, 1e-3);
-  EXPECT_NEAR(ranges.feature(0)[24], 6.701, 1e-3);
-  EXPECT_EQ(ranges.feature(2)[19], kMaxRange);
-  EXPECT_NEAR(ranges.feature(4)[35], 38.691, 1e-3);
-  for (const float range : ranges.features) EXPECT_TRUE(range >= kMinRange && range <= kMaxRange) << range;
+  const Traversal drive = make_dataset("kitti", samples, {{"camera", 0}})->load("2011_09_26_drive_0002_sync");
+  ASSERT_EQ(drive.frames, 10);
+  EXPECT_NEAR(drive.positions.back(), 8.18, 0.02);
+  for (int frame = 0; frame < drive.frames; ++frame) EXPECT_EQ(drive.images->fault(frame), "");
+  EXPECT_EQ(picture_of(drive, 3).size(), cv::Size(1242, 375));
 }
 
 }  // namespace

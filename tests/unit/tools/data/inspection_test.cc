@@ -9,7 +9,6 @@
 #include "core/util/random.h"
 #include "tests/paths.h"
 #include "tests/support/data/pictures.h"
-#include "tests/support/data/scans.h"
 #include "tests/support/env/env.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
@@ -296,14 +295,10 @@ TEST(Inspection, ProgramTakesParametersOfDatasets) {
   const std::string camera = folder / "2011_09_26_drive_0001_sync/image_00";
   for (int i = 0; i < 2; ++i) write_grey(camera + "/data/000000000" + std::to_string(i) + ".png", 10);
   make_file(camera + "/timestamps.txt", "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n");
-  const std::string laser = folder / "2011_09_26_drive_0001_sync/velodyne_points";
-  for (int i = 0; i < 2; ++i) write_scan(laser + "/data/000000000" + std::to_string(i) + ".bin", {{5, 5, 0}});
-  make_file(laser + "/timestamps.txt", "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n");
   const std::string data = folder.path();
   expect_said({{{"check", "--dataset", "kitti", data}, 1, "image_02"},
                {{"check", "--kitti-camera", "0", data}, 0, "kitti: 2 frames, 0 bad"},
                {{"info", "--kitti-camera", "0", data}, 0, "2011_09_26_drive_0001_sync  day"},
-               {{"info", "--kitti-ranges", "12", data}, 0, "-        12    0"},  // pixels, features, bad
                {{"info", "--dataset", "plain", "--kitti-camera", "0", data}, 1, "is for dataset kitti"}});
 }
 
