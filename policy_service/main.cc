@@ -118,6 +118,36 @@ void add_run_options(CLI::App& app, CommandLine& line) {
       ->check(CLI::IsMember(std::vector<std::string>(kMathNames.begin(), kMathNames.end())));
 }
 
+/// Adds the options of a training that several policy_services share.
+void add_rank_options(CLI::App& app, PolicyServiceOptions& options) {
+  options.rank = -1;  // until --rank is given
+  app.option_defaults()->group("Ranks");
+  app.add_option("--ranks-domain", options.ranks_domain,
+                 "Share the learning with other policy_services, each a rank with a --domain or --session of its own: "
+                 "once an update their parameters and Adam's moments are averaged. DDS domain in which the ranks of "
+                 "this training meet, over --interface; --peers of each name the hosts of all. The lowest rank that "
+                 "lives writes checkpoints; each has an --output of its own")
+      ->check(CLI::Range(0, 232));
+  app.add_option("--ranks", options.ranks,
+                 "How many there are at the start; unless given, as OMPI_COMM_WORLD_SIZE, PMI_SIZE or SLURM_NTASKS "
+                 "says")
+      ->check(CLI::Range(1, 1000));
+  app.add_option("--rank", options.rank,
+                 "This one's number, from 0; unless given, as OMPI_COMM_WORLD_RANK, PMI_RANK or SLURM_PROCID says")
+      ->check(CLI::Range(0, 999));
+  app.add_option("--sync", options.sync,
+                 "update: average parameters and Adam's moments once an update, weighted by steps; step: average "
+                 "gradients at each step of Adam, which learns as one learner with all minibatches and needs a "
+                 "quicker network")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"update", "step"}));
+  app.add_option("--ranks-wait", options.ranks_wait, "Seconds until ranks that do not come are an error")
+      ->capture_default_str()
+      ->check(at_least(1));
+  app.add_flag("--unprotected-sums", options.unprotected_sums,
+               "Share the learning although --security does not cover the sums, which ranks add over TCP");
+}
+
 /// Adds the parameters of all plug-ins, and of the trainer.
 void add_plugin_parameters(CLI::App& app, CommandLine& line) {
   for (const auto* entry : NetworkRegistry<float>::instance().entries())
@@ -179,6 +209,8 @@ int main(int argc, char** argv) {
     app.option_defaults()->group("Roles");
     add_learner_options(app, options);
     app.add_flag("--stay", options.stay, "Actor: after a learner finishes, wait for the next");
+
+    add_rank_options(app, options);
 
     app.option_defaults()->group("Length");
     add_length_options(app, options);

@@ -74,6 +74,15 @@ inline constexpr auto kReplayEnd = 30s;         ///< the longest wait at the end
 inline constexpr auto kReplayPoll = 5ms;        ///< between two looks at whether readers go on
 inline constexpr auto kTopicSearch = 20ms;      ///< between two looks of a recorder for new topics
 
+// Ranks.
+inline constexpr auto kRankHeartbeat = 250ms, kRankSilence = 1500ms;
+inline constexpr auto kRankRepeat = 100ms;   ///< between two statuses of a rank that waits for others
+inline constexpr auto kRankSettle = 700ms;   ///< for ranks that lost a coordinator to come to the next one
+inline constexpr auto kRankStart = 60s;      ///< for all ranks to come at the start
+inline constexpr auto kRankPaused = 1000ms;  ///< a turn of the loop this long means that the process was suspended
+inline constexpr auto kGlooConnect = 300ms;  ///< gloo waits five times as long for all connections of a call
+inline constexpr auto kGlooReceive = 1500ms;
+
 inline constexpr auto kStopCheckInterval = 50ms;  ///< at most, between two looks of a loop at what is due
 
 static_assert(2 * kHeartbeat < kSilence && kHeartbeat < kHandover && kHandover < kSilence);
@@ -87,6 +96,9 @@ static_assert(kObjectCrossing < kObjectRetry && kObjectRetry <= kDashboardRetry,
               "what is lost is sent at the first retry");
 static_assert(kEncoderSettle >= kHeartbeat && kActorSettle >= kHeartbeat && kEndContestTimeout > kHeartbeat);
 static_assert(kPresentInterval < kEncoderJoin && kEncoderJoin < kEncoderSettle);
+static_assert(2 * kRankHeartbeat < kRankSilence && kRankRepeat < kRankHeartbeat && kRankPaused < kRankSilence);
+static_assert(5 * kGlooConnect <= kRankSilence && kGlooReceive <= kRankSilence);
+static_assert(kRankSilence + kRankSettle + 4 * kRankRepeat < 3s, "ranks go on within 3 s without one that is lost");
 static_assert(kStopCheckInterval <= kCommandResend, "loops drive what is resent");
 
 }  // namespace citylearn

@@ -32,10 +32,23 @@ struct UpdateFigures {
   double orientation_loss = 0;   ///< squared error of the estimated way to the goal, likewise
 };
 
-/// A learner's whole state, for checkpoints.
+/// A learner's whole state, for checkpoints. Learners that share the work (UpdateSharing) average "parameters" and all
+/// tensors "adam.*", and have the same counters "steps" (environment steps learned from), "updates" and "adam_steps".
+/// Everything else stays with its learner.
 struct LearnerState {
   std::map<std::string, std::uint64_t> counters;
   std::map<std::string, Vector<float>> tensors;  ///< "parameters" among them
+};
+
+/// Returns whether learners that share the work average this tensor.
+inline bool is_shared(const std::string& tensor) { return tensor == "parameters" || tensor.starts_with("adam."); }
+
+/// Sums values over several learners.
+class GradientSharing {
+ public:
+  virtual ~GradientSharing() = default;
+  /// Replaces the values by their sums, bit for bit the same in all learners. Throws what ends the update.
+  virtual void sum(std::span<float> values) = 0;
 };
 
 /// Improves the parameters of a network from what its agents saw and did. It sees tensors, never topics or images. Used
@@ -55,6 +68,10 @@ class Learner {
   /// Keeps these parts of the parameters as they are, bit for bit; the others learn as if these did not exist. Called
   /// before the first update. Returns false, with nothing changed, when this learner cannot do that.
   virtual bool freeze(std::span<const Tensor> /*tensors*/) { return false; }
+  /// Makes each step with the mean of several learners' gradients from the next update on; null ends that. An update
+  /// that an exception ended may be made again after load(). Returns false, with nothing changed, when this learner
+  /// cannot do that.
+  virtual bool share_gradients(GradientSharing* /*sharing*/) { return false; }
 };
 
 /// Learners by name; their parameters are all the hyper-parameters.

@@ -13,6 +13,7 @@ namespace citylearn {
 namespace {
 
 constexpr double kNavigatingSpl = 0.95;
+constexpr std::uint64_t kRank = 110;  // purpose of random streams: (seed, kRank, rank) is the seed of one of several
 
 /// Returns the authors' lessons, which end at N = 128, on a route of any N: 4, 8, 16 .. N, then the tighter step limit.
 std::vector<Lesson> curriculum_of(int frames, int max_steps) {
@@ -59,8 +60,10 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : impl_
   if (options.initial) p.start_from(*options.initial);
   p.options.initial.reset();
   if (!options.frozen.empty()) p.freeze();
+  p.collector_seed =
+      options.rank == 0 ? options.seed : mix_seeds({options.seed, kRank, static_cast<std::uint64_t>(options.rank)});
   p.collector = std::make_unique<Collector>(
-      CollectorOptions{options.seed, options.first_frame, p.segment, p.sequence,
+      CollectorOptions{p.collector_seed, options.first_frame, p.segment, p.sequence,
                        p.parameters.trainer["noise-frame"], p.parameters.trainer["noise-place"],
                        p.parameters.trainer["noise-episode"]},
       p.task, *p.network, *p.workers);
@@ -164,7 +167,10 @@ void Trainer::believe(int environment, msg::Belief& belief) const { impl_->colle
 
 // Learning.
 
-void Trainer::set_progress(double fraction) { impl_->learner->set_progress(fraction); }
+void Trainer::set_progress(double fraction) {
+  impl_->elapsed = fraction;
+  impl_->learner->set_progress(fraction);
+}
 
 UpdateFigures Trainer::update() {
   Collector& collector = *impl_->collector;
@@ -196,7 +202,16 @@ UpdateFigures Trainer::learn(std::span<Rollout* const> rollouts, std::span<const
     prepare(*rollout);
     steps += rollout->action.size();
   }
-  const UpdateFigures figures = p.learner->update(rollouts);
+  UpdateFigures figures;
+  const auto update = [&] { figures = p.learner->update(rollouts); };
+  if (p.sharing) {
+    LocalUpdate mine;
+    mine.steps = steps;
+    mine.episodes.assign(finished.begin(), finished.end());
+    p.share(std::move(mine), update);
+    return figures;
+  }
+  update();
   for (const int id : p.collector->environments()) p.collector->begin_segment(id);
   ++p.progress.updates;
   p.progress.steps += steps;
@@ -260,7 +275,7 @@ void Trainer::describe(msg::LearnerInfo& info) const {
   for (const auto& [name, value] : p.parameters.network.values())
     text += (text.empty() ? "" : " ") + name + "=" + nlohmann::json(value).dump();
   info.network() = text.c_str();
-  info.seed() = p.options.seed;
+  info.seed() = p.collector_seed;
   info.feature_dimension() = static_cast<std::uint32_t>(p.task.features);
   info.first_frame() = static_cast<std::uint32_t>(p.options.first_frame);
   info.frames() = static_cast<std::uint32_t>(p.task.frames);

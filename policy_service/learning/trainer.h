@@ -12,6 +12,7 @@
 #include "core/wire/messages.h"
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/training_progress.h"
+#include "policy_service/learning/update_sharing.h"
 #include "policy_service/network/trained_agent.h"
 #include "policy_service/rollout/collector.h"
 
@@ -24,6 +25,7 @@ struct TrainerOptions {
   std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;
   std::uint64_t seed = 1;
   int threads = 0;  ///< that act and learn, the caller's included; 0: as many as processors. Changes no result
+  int rank = 0;     ///< of several trainers with this seed: the same initial parameters, random streams of its own
 
   // The task.
   int first_frame = 0;      ///< where the route begins, index on the traversal
@@ -74,6 +76,10 @@ class Trainer {
   int batch() const;
   /// Does what Learner::set_progress() says; call it before update() or learn().
   void set_progress(double fraction);
+  double elapsed() const;  ///< that fraction, the largest of all that share updates
+  /// Makes every update together with other trainers from now on, beginning where they are; `sharing` must outlive
+  /// this. Call it before an environment is added. Throws as UpdateSharing::share().
+  void share_updates(UpdateSharing& sharing);
   /// Fills in what an actor must know: fields of the task, the network and the noise.
   void describe(msg::LearnerInfo& info) const;
   /// Chooses, after update(), the actions for the observation that found the segment full.
@@ -97,6 +103,7 @@ class Trainer {
   TrainedAgent agent() const;                       ///< has a copy of the present parameters
   const Vector<float>& network_parameters() const;  ///< the present ones; valid until the next update
   const std::vector<std::string>& frozen() const;   ///< names of the tensors that are not trained
+  std::string identity() const;  ///< JSON: what must be the same in trainers that continue or share updates
   /// Returns the parameters in effect by "network", "learner" and "trainer", for manifests.
   std::map<std::string, std::map<std::string, double>> parameters() const;
   /// Returns those of `agent` and `learner` when none are given: `recommended_parameters("features",

@@ -83,6 +83,8 @@ void Trainer::Impl::continue_from(SavedProgress saved) {
   generation = saved.generation;
 }
 
+std::string Trainer::identity() const { return impl_->identity().dump(); }
+
 Checkpoint Trainer::Impl::checkpoint() const {
   Checkpoint checkpoint;
   checkpoint.header = identity();

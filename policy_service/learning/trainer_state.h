@@ -47,6 +47,9 @@ struct Trainer::Impl {
   std::vector<Lesson> lessons;
 
   std::unique_ptr<Collector> collector;
+  std::uint64_t collector_seed = 0;
+  UpdateSharing* sharing = nullptr;
+  double elapsed = 0;
   std::uint64_t generation = 0;
   TrainingProgress progress;
   std::uint64_t lesson_episodes = 0;          ///< finished in the present lesson
@@ -61,6 +64,8 @@ struct Trainer::Impl {
   }
 
   void count_episodes(std::span<const FinishedEpisode> finished);
+  /// Makes the learner's update the one of all trainers, and counts it.
+  void share(LocalUpdate mine, const std::function<void()>& learn);
   void start_from(const TrainedAgent& agent);
   void freeze();
   /// Returns what must be the same in a trainer that continues.

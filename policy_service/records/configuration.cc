@@ -78,6 +78,8 @@ std::vector<OptionValue> effective_configuration(const PolicyServiceOptions& opt
       for (const std::string& prefix : {options.learner, std::string("trainer")})
         recommended.insert("--" + prefix + "-" + name);
   }
+  if (options.ranks_domain)
+    replaced.insert({{"--rank", std::to_string(options.rank)}, {"--ranks", std::to_string(options.ranks)}});
   for (const PluginParameters& part : parts)
     for (const auto& [name, value] : part.values)
       replaced["--" + part.prefix + "-" + name] = fmt::format("{:.10g}", value);

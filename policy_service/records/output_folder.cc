@@ -121,6 +121,18 @@ std::uint64_t run_id_for(const PolicyServiceOptions& options) {
   return fresh;
 }
 
+std::vector<int> earlier_ranks(const PolicyServiceOptions& options) {
+  const nlohmann::json manifest = resumed_manifest(options);
+  if (!manifest.is_object()) return {};
+  try {
+    std::vector<int> ranks = manifest.value("ranks_before", std::vector<int>());
+    if (const int last = manifest.value("ranks", 1); last != options.ranks) ranks.push_back(last);
+    return ranks;
+  } catch (const nlohmann::json::exception&) {
+    return {};  // no manifest of ours
+  }
+}
+
 OutputFolder::OutputFolder(const std::string& folder) {
   if (folder.empty()) return;
   create_folder(folder, kRemedy);

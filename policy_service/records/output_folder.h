@@ -35,6 +35,10 @@ void prepare_output(const PolicyServiceOptions& options);
 /// that a service of another id wrote, begin a run of their own, so that recorders keep it apart from the first one.
 std::uint64_t run_id_for(const PolicyServiceOptions& options);
 
+/// Returns the numbers of ranks of a run's earlier stretches, as its manifest.json has them, without repetitions of the
+/// present one; empty where it is not resumed.
+std::vector<int> earlier_ranks(const PolicyServiceOptions& options);
+
 /// Returns what tells a folder from copies of it: its inode; 0 where there is none.
 std::uint64_t folder_identity(const std::string& folder);
 

@@ -46,6 +46,14 @@ struct PolicyServiceOptions : TrainerOptions {
   std::uint64_t max_lag = 0;  ///< learner: trajectories of parameters older than so many updates are dropped; 0 = none
   bool stay = false;          ///< actor: wait for the next learner when one has ended
 
+  // Ranks: learners that share the work (docs/decisions/0021-ranks.md); TrainerOptions::rank is this one's.
+  std::optional<std::uint32_t> ranks_domain;  ///< DDS domain in which they meet; none: there are no others
+  int ranks = 0;                              ///< how many there are; 0: as the launcher's environment says
+  std::string sync = "update";    ///< "update": parameters are averaged once an update; "step": gradients at each step
+  std::vector<int> ranks_before;  ///< how many there were in earlier stretches of a run that is resumed
+  double ranks_wait = 60;         ///< seconds until missing ranks are an error
+  bool unprotected_sums = false;  ///< adds over connections without keys though the services have some
+
   // The task.
   int frames = 128;         ///< N
   bool cap_frames = false;  ///< fewer where the traversals have fewer, as for a default; on streets all

@@ -146,6 +146,12 @@ Json manifest_json(const PolicyServiceOptions& options,
     manifest["command"] = {{"words", options.command}, {"folder", std::filesystem::current_path(none).string()}};
     manifest["options"] = values;
   }
+  if (options.ranks_domain) {
+    manifest["rank"] = options.rank;
+    manifest["ranks"] = options.ranks;
+    manifest["sync"] = options.sync;
+    manifest["ranks_before"] = options.ranks_before;
+  }
   return manifest;
 }
 

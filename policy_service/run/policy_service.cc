@@ -16,6 +16,7 @@
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/network/product.h"
+#include "policy_service/ranks/launcher.h"
 #include "policy_service/records/configuration.h"
 #include "policy_service/results/verdict.h"
 #include "policy_service/rollout/control.h"
@@ -70,6 +71,7 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
 }
 
 PolicyServiceOptions checked_options(PolicyServiceOptions options) {
+  number_ranks(options);
   options.cap_steps = options.max_steps == 0;
   if (options.cap_steps) options.max_steps = options.frames;
   if (!std::isfinite(options.goal_radius)) throw Error("is not finite", "--goal-radius");

@@ -90,6 +90,7 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
   if (given.mode != "train") throw Error("only for --mode train", "--seeds");
   if (given.role != "both") throw Error("is for --role both", "--seeds");
   if (given.output.empty()) throw Error("needs --output", "--seeds", "each seed has a folder there");
+  if (given.ranks_domain) throw Error("not with --seeds", "--ranks-domain", "start a run for each seed");
   const PolicyServiceOptions options = checked_options(given);
   const auto of_seed = [&options](std::uint64_t seed) {
     PolicyServiceOptions one = options;

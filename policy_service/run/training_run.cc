@@ -13,6 +13,7 @@
 #include "core/exchange/timing.h"
 #include "core/files/json.h"
 #include "core/wire/service.h"
+#include "policy_service/ranks/gloo_group.h"
 
 namespace citylearn {
 namespace {
@@ -75,6 +76,7 @@ void TrainingRun::build_trainer() {
   } else if (options.resume) {
     spdlog::info("no checkpoint in {}: starting anew", folder);
   }
+  if (options.ranks_domain) join_ranks();
   const TrainingProgress& progress = trainer_->progress();
   context_.records.open_training_logs(progress.updates, progress.steps, trainer_->parameters());
   if (const BestCheckpoint* best = context_.records.best();
@@ -86,6 +88,47 @@ void TrainingRun::build_trainer() {
   context_.records.announce(options.learner, progress.updates, trainer_->parameters());
 }
 
+/// Waits for the other ranks and continues from where they are.
+void TrainingRun::join_ranks() {
+  PolicyServiceOptions& options = context_.options;
+  options.ranks_before = earlier_ranks(options);
+  if (!options.ranks_before.empty())
+    spdlog::info("{} ranks go on where {} were", options.ranks, options.ranks_before.back());
+  nlohmann::json traversals = nlohmann::json::object();
+  for (const TraversalContents& contents : learned_.traversals)
+    traversals[contents.traversal] = {{"hash", fmt::format("{:016x}", contents.hash)},
+                                      {"encoder", contents.encoder.value_or("")}};
+  RankOptions ranks;
+  ranks.rank = options.rank;
+  ranks.ranks = options.ranks;
+  ranks.node = options.node;
+  ranks.node.middleware.domain = *options.ranks_domain;
+  ranks.patience = std::chrono::milliseconds(static_cast<std::int64_t>(1000 * options.ranks_wait));
+  ranks.identity = nlohmann::json{
+      {"program", version()},
+      {"training", parse_json(trainer_->identity(), "identity")},
+      {"traversals", traversals},
+      {"initial", options.initial_checkpoint},
+      {"checkpoint-every", options.checkpoint_every},
+      {"time-limit", options.time_limit},
+      {"stop-when", options.stop_when},
+      {"lockstep", options.lockstep},
+      {"sync",
+       options.sync}}.dump();
+  ranks_ = std::make_unique<GlooGroup>(ranks, [] {
+    if (stop_requested()) throw StopRequested();
+  });
+  sharing_ = std::make_unique<SharedUpdates>(*ranks_, options.sync == "step");
+  context_.node.report(msg::WAITING, "waiting for the other ranks");
+  spdlog::info("rank {} of {} waits for the others in domain {}", options.rank, options.ranks, *options.ranks_domain);
+  HeartbeatThread heartbeat(context_.node);
+  heartbeat.run([this] {
+    trainer_->share_updates(*sharing_);
+    return true;
+  });
+  spdlog::info("{} ranks learn together from update {} on", sharing_->members(), trainer_->progress().updates);
+}
+
 /// Adds what the agent learns from.
 Checkpoint TrainingRun::with_data(Checkpoint checkpoint) const {
   checkpoint.header["data"] = parse_json(learned_.text(), "data");
@@ -93,6 +136,7 @@ Checkpoint TrainingRun::with_data(Checkpoint checkpoint) const {
 }
 
 void TrainingRun::save(Checkpoint checkpoint) {
+  if (sharing_ && !sharing_->lowest()) return;
   saved_ = trainer_->progress().updates;
   context_.records.save_checkpoint(*saved_, with_data(std::move(checkpoint)));
 }
@@ -112,14 +156,15 @@ bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
   }
   record_update(figures, steps_before);
   warn_of_collapse();
-  if (ended() || elapsed_fraction() >= 1) return false;
+  if (ended() || time_is_up()) return false;
   const std::uint64_t updates = trainer_->progress().updates;
   const auto due = [updates](int every) { return every > 0 && updates % static_cast<std::uint64_t>(every) == 0; };
   if (due(context_.options.checkpoint_every)) save(trainer_->checkpoint());
   if (due(context_.options.evaluate_every)) {
     evaluation_.set_agent(trainer_->agent());
     const std::optional<double> spl = evaluate_others();
-    if (spl) context_.records.save_evaluated(with_data(trainer_->snapshot()), *spl);
+    if (spl && (!sharing_ || sharing_->lowest()))
+      context_.records.save_evaluated(with_data(trainer_->snapshot()), *spl);
   }
   return true;
 }
@@ -199,6 +244,7 @@ void TrainingRun::execute() {
     if (!options.lockstep) save_newest();
     throw;
   }
+  if (ranks_) ranks_->leave();
   context_.progress.finish();
   const TrainingProgress& progress = trainer_->progress();
   report_.traversal = names;

@@ -10,6 +10,7 @@
 #include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/distributed/learner_server.h"
 #include "policy_service/learning/trainer.h"
+#include "policy_service/ranks/shared_updates.h"
 #include "policy_service/records/report.h"
 #include "policy_service/run/collapse_watch.h"
 #include "policy_service/run/evaluation_run.h"
@@ -53,16 +54,21 @@ class TrainingRun {
 
  private:
   void build_trainer();
+  void join_ranks();
   void record_update(const UpdateFigures& figures, std::uint64_t steps_before);
   void warn_of_collapse();
   /// Returns the fraction of --time-limit that has passed.
   double elapsed_fraction() const { return context_.options.time_limit > 0 ? wall() / context_.options.time_limit : 0; }
+  bool time_is_up() const { return (sharing_ ? trainer_->elapsed() : elapsed_fraction()) >= 1; }
   Checkpoint with_data(Checkpoint checkpoint) const;
+  /// Saves a checkpoint; of several ranks only the lowest one does.
   void save(Checkpoint checkpoint);
   void save_newest();
 
   Clock::time_point since_, last_update_;
-  double earlier_wall_ = 0;  ///< seconds of training before this process
+  double earlier_wall_ = 0;           ///< seconds of training before this process
+  std::unique_ptr<RankGroup> ranks_;  ///< null without other ranks
+  std::unique_ptr<SharedUpdates> sharing_;
   std::optional<std::uint64_t> saved_;
   CollapseWatch watch_;
   bool collapsed_ = false;

@@ -44,6 +44,7 @@ ELSEWHERE = {
     "policy_service --id policy --train summer --interface eth0": "tests/system/network/security_test.cc",
     "policy_service --mode evaluate --checkpoint runs/TIME": "tests/python/same_figures_test.py",
     "policy_service --initial": "tests/unit/policy_service/run/policy_test.cc",
+    "policy_service --train summer --frames 0:128 --output out/rank": "tests/slurm",
     "policy_service --train summer,fall --evaluate winter ...": "the demo before it",
     "env_service --dataset synthetic --metrics": "prometheus_test.py",
     "env_service --data DIR --traversal": "tests/python/streets_test.py",
@@ -148,6 +149,20 @@ class Recipes(CommandLine):
         self.assertEqual(sorted(self.results("out")), ["fall", "summer", "winter"])
         for process, log in started:
             self.assertEqual(process.wait(PATIENCE), 0, log.read_text())
+
+    def test_ranks_learn_one_agent(self):
+        domains = {name: str(own_domain()) for name in "123"}
+        first, second = self.take("run-on-a-cluster", "policy_service --domain 1", "policy_service --domain 2")
+        for number, words in enumerate((first, second)):
+            for option in "--ranks-domain", "--domain":
+                where = words.index(option) + 1
+                words[where] = domains[words[where]]
+            words[words.index("--output") + 1] = f"out-{number}"
+            self.start("env_service", "--domain", words[where], "--synthetic-images", "0")
+        other, log = self.start(*second, *SHORT)
+        self.learn(first)
+        self.assertEqual(other.wait(PATIENCE), 0, log.read_text())
+        self.assertIn("rank", log.read_text())
 
     def test_an_imperfect_world(self):
         encoder, *envs, policy, demo = self.take("try-an-imperfect-world", "encoder_service &", "env_service --traversal summer",

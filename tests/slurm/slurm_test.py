@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""compose/slurm/train.sbatch under Debian's Slurm: arrays, heterogeneous jobs, requeueing, wrong settings."""
+"""compose/slurm/train.sbatch under Debian's Slurm: arrays, heterogeneous jobs, ranks, requeueing, wrong settings."""
 
 import json
 import os
@@ -120,6 +120,29 @@ class Slurm(unittest.TestCase):
         self.assertRegex(self.log("policy"), r"actor 'actor-node\d-2' joins")
         self.expect_trained(self.output)
 
+    def test_ranks_learn_one_agent_though_one_is_killed(self):
+        job = self.submit("--nodes=2", RANKS="yes", ENVS=1,
+                          POLICY_OPTIONS=f"--steps 100000000 --time-limit 15 --ppo-learning-rate 0.002 {TRAINING}")
+        self.wait_for_checkpoint(self.output / "rank-0")
+        os.kill(process_with("--rank 1 "), signal.SIGKILL)
+        self.finish(job)
+        self.assertIn("policy-1 ended with status 137, starts again in 1 s", self.said())
+        self.assertEqual(json.loads((self.output / "rank-0/manifest.json").read_text())["ranks"], 2)
+        self.expect_trained(self.output / "rank-0")
+
+    def test_srun_numbers_ranks(self):
+        """The commands of docs/how-to/run-on-a-cluster.md, for less work."""
+        page = (COMPOSE.parent / "docs/how-to/run-on-a-cluster.md").read_text()
+        start = page.index("cat >rank.sh")
+        commands = page[start:page.index("```", start)]
+        commands = commands.replace("--frames 0:128", "--frames 0:24").replace("--output", "--steps 8192 --tasks 20 --wait 60 --output")
+        self.assertIn("--steps 8192", commands)
+        done = subprocess.run(["bash", "-euc", commands], cwd=self.output, env=os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}"},
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=200, check=False)
+        self.assertEqual(done.returncode, 0, done.stdout)
+        self.assertEqual(json.loads((self.output / "out/rank-0/manifest.json").read_text())["ranks"], 2)
+        self.assertTrue((self.output / "out/rank-1/summary.json").exists(), done.stdout)
+
     def test_before_its_time_is_over_it_is_queued_again_and_then_goes_on(self):
         job = self.submit("--nodes=2", POLICY_OPTIONS=f"--steps 60000 {TRAINING}")
         self.wait_for_checkpoint(self.output)
@@ -134,7 +157,7 @@ class Slurm(unittest.TestCase):
 
     def test_odd_settings_are_refused_and_nothing_in_them_is_run(self):
         command = f"$(touch {self.output}/run)"
-        for name, value in (("ENVS", f"PATH[{command}]"), ("ACTORS", f"PATH[{command}]"),
+        for name, value in (("ENVS", f"PATH[{command}]"), ("ACTORS", f"PATH[{command}]"), ("RANKS", "maybe"),
                             ("ENVS", "08"), ("ENVS", "99999999999999999999"),
                             ("FRAMES", f"PATH[{command}]:128"), ("FRAMES", f"0:PATH[{command}]"), ("FRAMES", "128"),
                             ("FRAMES", "9:9"), ("TRAIN", f"a{command}"), ("TRAIN", "a\nb"), ("EVALUATE", "fall ../../fall"),

@@ -61,6 +61,10 @@ class Ppo : public Learner {
     gradient_step_.check(state);
     gradient_step_.load(state);
   }
+  bool share_gradients(GradientSharing* sharing) override {
+    gradient_step_.share(sharing);
+    return true;
+  }
   bool freeze(std::span<const Tensor> tensors) override {
     gradient_step_.freeze(tensors);
     return true;

@@ -39,6 +39,10 @@ class Vtrace : public Learner {
     vtrace_.gradient_step().check(state);
     vtrace_.gradient_step().load(state);
   }
+  bool share_gradients(GradientSharing* sharing) override {
+    vtrace_.gradient_step().share(sharing);
+    return true;
+  }
   bool freeze(std::span<const Tensor> tensors) override {
     vtrace_.gradient_step().freeze(tensors);
     return true;

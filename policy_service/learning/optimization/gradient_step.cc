@@ -65,12 +65,33 @@ void GradientStep::end_step() {
   // Adam then leaves them alone: moments that were never anything but zero move nothing.
   for (const Tensor& tensor : frozen_)
     for (Vector<float>& gradient : gradients_) gradient.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
+  if (sharing_) average(true);
   norms_ += adam_->step(learning_rate(), gradients_, parameters_, workers_);
   ++steps_taken_;
   for (const Shard& shard : shards_) sums_ += shard.sums;
 }
 
+bool GradientStep::average(bool mine) {
+  for (std::size_t i = 1; i < gradients_.size(); ++i) {
+    if (mine) gradients_[0] += gradients_[i];
+    gradients_[i].setZero();
+  }
+  const auto size = static_cast<std::size_t>(gradients_[0].size());
+  shared_.assign(size + 1, 0.0f);
+  if (mine) {
+    std::copy_n(gradients_[0].data(), size, shared_.begin());
+    shared_.back() = 1;
+  }
+  sharing_->sum(shared_);
+  const float learners = shared_.back();
+  if (learners == 0) return false;
+  gradients_[0] = Eigen::Map<const Vector<float>>(shared_.data(), gradients_[0].size()) / learners;
+  return true;
+}
+
 UpdateFigures GradientStep::end_update(std::size_t steps, double samples) {
+  // Others may have more minibatches. All stop together.
+  while (sharing_ && average(false)) adam_->step(learning_rate(), gradients_, parameters_, workers_);
   UpdateFigures figures;
   figures.policy_loss = sums_.policy / samples;
   figures.value_loss = sums_.value / samples;

@@ -68,6 +68,8 @@ class GradientStep {
   }
   /// Keeps these as they are: their gradient is zero, and so is their share of its length.
   void freeze(std::span<const Tensor> tensors) { frozen_.assign(tensors.begin(), tensors.end()); }
+  /// Does what Learner::share_gradients() says.
+  void share(GradientSharing* sharing) { sharing_ = sharing; }
   /// Does what Learner::set_progress() says.
   void set_progress(double fraction) { elapsed_ = std::min(1.0, fraction); }
   /// Begins a minibatch; call it before the first for_each_shard().
@@ -103,7 +105,11 @@ class GradientStep {
   LossSums sums_;                         // of this update
   double norms_ = 0, steps_taken_ = 0;
   WorkerPool& workers_;
+  GradientSharing* sharing_ = nullptr;
+  std::vector<float> shared_;  // a gradient, and how many learners have one
 
+  /// Makes this learner's gradient the mean of all that have one at this step. Returns false when none has.
+  bool average(bool mine);
   double progress() const {
     return std::max(elapsed_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
   }

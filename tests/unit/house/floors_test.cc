@@ -34,7 +34,7 @@ const std::vector<std::vector<std::string>> kOrders = {
      "policy_service/rollout", "policy_service/learning", "policy_service/learning/optimization",
      "policy_service/learning/learners", "policy_service/interchange", "policy_service/interchange/exporters",
      "policy_service/env_client", "policy_service/distributed", "policy_service/results", "policy_service/records",
-     "policy_service/run", "policy_service"},
+     "policy_service/ranks", "policy_service/run", "policy_service"},
     {"dashboard/store", "dashboard/http", "dashboard/live", "dashboard/api", "dashboard"},
 };
 

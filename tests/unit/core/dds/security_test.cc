@@ -314,7 +314,7 @@ TEST(Permissions, AreWhatTheServicesDo) {
   const std::string of_envs = "policy_service/env_client/", distributed = "policy_service/distributed/";
   const std::vector<std::string> client = {of_envs};
   std::vector<std::string> policy = client, learner, actor = client;
-  policy.emplace_back("policy_service/records");
+  policy.insert(policy.end(), {"policy_service/records", "policy_service/ranks/rank_node.cc"});
   learner = policy;
   learner.push_back(distributed + "learner_server.cc");
   for (const char* source : {"actor.cc", "learner_session.cc", "parameter_fetch.cc", "trajectory_outbox.cc"})

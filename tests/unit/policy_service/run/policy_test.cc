@@ -249,7 +249,7 @@ TEST_F(RunAnnouncerTest, SendsItsStatsAgainToReadersThatLackThem) {
   };
   for (std::uint64_t number = 1; number <= 400; ++number) {
     msg::TrainingStat one;
-    one.update() = 20 + 3 * number;
+    one.update() = 20 + 3 * number;  // the other ranks made those between
     one.reward() = static_cast<float>(number) / 2;
     one.wall() = static_cast<double>(number) * 3;
     record.add(one);
