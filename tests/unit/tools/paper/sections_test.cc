@@ -25,7 +25,6 @@ class SectionTest : public ::testing::Test {
     return {.world = world,
             .drawn = drawn,
             .work = work_,
-            .output = folder_.path(),
             .quick = true,
             .effort = effort,
             .seeds = {1, 2},
