@@ -22,14 +22,8 @@ class SectionTest : public ::testing::Test {
                                [&](const Section& section) { return section.name == name; })) {}
 
   Context context(World& world, World& drawn, double effort = 0.001) {
-    return {.world = world,
-            .drawn = drawn,
-            .work = work_,
-            .output = folder_.path(),
-            .quick = true,
-            .effort = effort,
-            .seeds = {1, 2},
-            .agents = {}};
+    return {
+        .world = world, .drawn = drawn, .work = work_, .quick = true, .effort = effort, .seeds = {1, 2}, .agents = {}};
   }
 
   const testing::Folder folder_;
