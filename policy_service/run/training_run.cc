@@ -12,6 +12,7 @@
 
 #include "core/exchange/timing.h"
 #include "core/files/json.h"
+#include "core/util/version.h"
 #include "core/wire/service.h"
 #include "policy_service/ranks/gloo_group.h"
 
