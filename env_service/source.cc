@@ -3,9 +3,10 @@
 #include <CLI/CLI.hpp>
 
 #include "core/command_line/range_option.h"
-#include "core/task/state_map.h"
+#include "core/task/goal_chain.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
+#include "env_service/dataset_io/goal_place.h"
 #include "env_service/dataset_io/selection.h"
 
 namespace citylearn {
@@ -62,6 +63,13 @@ void add_goal_option(CLI::App& app, Source& source) {
                  "Place to which all tasks lead: its number, the file of a picture, or LAT,LON or LAT,LON,METRES: the "
                  "nearest to a position, at most 50 m or so many away. Else goals are drawn")
       ->type_name("GOAL");
+}
+
+void add_goals_option(CLI::App& app, int& goals) {
+  app.add_option("--goals", goals,
+                 "Goals of a task, reached one after the other as by a courier: --goal-place first, then drawn ones")
+      ->capture_default_str()
+      ->check(CLI::Range(1, kMaxGoals));
 }
 
 void add_dataset_parameters(CLI::App& app, Source& source) {

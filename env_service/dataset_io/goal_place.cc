@@ -87,8 +87,13 @@ Traversal with_goal(Traversal traversal, const std::string& goal) try {
   throw Error(error.what(), "--goal-place " + goal);
 }
 
+Traversal with_goals(Traversal traversal, int goals) {
+  if (goals > 1) traversal.name = name_in_world(traversal.name, "goals" + std::to_string(goals));
+  return traversal;
+}
+
 std::string without_goal(const std::string& name) {
-  static const std::regex kGoal("-goal\\d+(?=-|$)");
+  static const std::regex kGoal("-goals?\\d+(?=-|$)");
   return std::regex_replace(name, kGoal, "");
 }
 

@@ -275,10 +275,11 @@ demo() {
         encoding+=("$1" "$2"); shift 2 ;;
       --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--head=*|--store=*)
         encoding+=("$1"); shift ;;
-      --dropped-frames|--kidnappings|--blurred-frames|--uneven-speed|--recording-seed|--goal-place)
+      --dropped-frames|--kidnappings|--blurred-frames|--uneven-speed|--recording-seed|--goal-place|--goals)
         needs "$@"
         world+=("$1" "$2"); shift 2 ;;
-      --dropped-frames=*|--kidnappings=*|--blurred-frames=*|--uneven-speed=*|--recording-seed=*|--goal-place=*) world+=("$1"); shift ;;
+      --dropped-frames=*|--kidnappings=*|--blurred-frames=*|--uneven-speed=*|--recording-seed=*|--goal-place=*|--goals=*)
+        world+=("$1"); shift ;;
       --rule) needs "$@"; rule=(--rule "$2"); shift 2 ;;
       --rule=*) rule=("$1"); shift ;;
       --align-by|--align-within)
