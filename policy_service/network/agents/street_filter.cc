@@ -130,7 +130,8 @@ class StreetFilter : public AutodiffNetwork<S> {
     std::vector<int> views;  // the last of these, a ring
   };
   struct Work : Base::Work {
-    explicit Work(const StreetFilter& of) : filter(of.keys_, of.motion_, of.map_), fields(*of.map_, of.goal_radius_) {}
+    explicit Work(const StreetFilter& of)
+        : filter(of.keys_, of.motion_, of.map_, of.goal_radius_), fields(*of.map_, of.goal_radius_) {}
     SparseFilter<S> filter;
     DistanceFields fields;
     std::vector<Walker> walkers;       // B
