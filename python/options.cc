@@ -30,6 +30,7 @@ const std::string kGroup = "Options";  // one without a name hides options' name
 struct RecordingOptions {
   Source source;
   Imperfections imperfections;
+  int goals = 1;
   std::string encoder = kDefaultEncoder, store = default_store();
   EncoderFiles files;
   std::map<std::string, std::map<std::string, double>> encoder_parameters;
@@ -70,6 +71,7 @@ void parse(CLI::App& app, const Keywords& keywords) {
 void add_recording_options(CLI::App& app, RecordingOptions& options) {
   add_source_options(app, options.source, kGroup);
   add_goal_option(app, options.source);
+  add_goals_option(app, options.goals);
   add_selection_options(app, options.source.selection, kGroup);
   add_imperfection_options(app, options.imperfections, kGroup);
   app.add_option("--encoder", options.encoder);
@@ -233,8 +235,9 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
   if (learned.known() && !options.selection_given)
     select_as_taught(*dataset, options.source.selection, learned.traversals.front());
   const std::string name = name_in(*dataset, chosen_traversal(*dataset, options.source));
-  Traversal recorded = with_goal(select(*dataset, name, options.source.selection), options.source.goal);
-  Recording recording{imperfect(std::move(recorded), options.imperfections), options.imperfections, {}};
+  Traversal recorded =
+      with_goals(with_goal(select(*dataset, name, options.source.selection), options.source.goal), options.goals);
+  Recording recording{imperfect(std::move(recorded), options.imperfections), options.imperfections, options.goals, {}};
   Traversal& traversal = recording.traversal;
   traversal.name = name_from(traversal.name);
   for (const std::string option : {"encoder", "reference", "dimension"})
