@@ -29,8 +29,9 @@ FolderDataset::FolderDataset(const std::string& dataset, const std::string& fold
 
 Traversal FolderDataset::load(const std::string& name) {
   require_known(name);
+  if (on_streets()) streets();
   Traversal traversal = checked(name);
-  if (on_streets() && !traversal.streets && streets()) show_links(traversal);
+  if (on_streets() && !traversal.streets && osm_) show_links(traversal);
   return traversal;
 }
 
@@ -40,6 +41,7 @@ Traversal FolderDataset::checked(const std::string& name) {
   if (std::any_of(traversal.positions.begin(), traversal.positions.end(), [](float x) { return std::isinf(x); }))
     throw Error("traversal '" + name + "' has places that are too far apart to measure", folder_, "mend its positions");
   if (drives() && !traversal.streets) forget_impossible(traversal, folder_);
+  if (osm_) shown_[name] = frames_along_links(traversal, *osm_);
   return traversal;
 }
 
@@ -55,9 +57,10 @@ std::vector<std::string> FolderDataset::describe_streets() {
 }
 
 const StreetCoverage& FolderDataset::coverage() {
-  if (!coverage_)
-    coverage_ = std::make_shared<const StreetCoverage>(
-        find_coverage(*osm_, names(), [this](const std::string& name) { return checked(name); }));
+  if (coverage_) return *coverage_;
+  for (const std::string& name : names())
+    if (!shown_.contains(name)) checked(name);
+  coverage_ = std::make_shared<const StreetCoverage>(find_coverage(*osm_, shown_));
   return *coverage_;
 }
 

@@ -62,6 +62,7 @@ class FolderDataset : public Dataset {
   void show_links(Traversal& traversal);
 
   std::shared_ptr<const StreetGraph> osm_;          ///< null: not read, or not there
+  std::map<std::string, std::vector<int>> shown_;   ///< frames_along_links() of osm_, by the recordings read since
   std::shared_ptr<const StreetCoverage> coverage_;  ///< null: not found yet
 };
 
