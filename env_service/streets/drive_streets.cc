@@ -241,23 +241,13 @@ class DriveReader {
 }  // namespace
 
 std::vector<std::string> DriveStreets::description() const {
-  std::vector<std::set<std::uint32_t>> neighbours(map.places());
-  std::set<std::pair<std::uint32_t, std::uint32_t>> ends;
-  for (std::size_t link = 0; link < map.links(); ++link) {
-    neighbours[map.from[link]].insert(map.to[link]);
-    neighbours[map.to[link]].insert(map.from[link]);
-    ends.emplace(map.from[link], map.to[link]);
-  }
-  const auto with = [&](auto&& test) { return std::count_if(neighbours.begin(), neighbours.end(), test); };
-  const auto one_way = std::count_if(ends.begin(), ends.end(), [&](auto& link) {
-    return !ends.contains({link.second, link.first});
-  });
+  std::vector<std::pair<int, int>> links;
+  for (std::size_t link = 0; link < map.links(); ++link)
+    links.emplace_back(static_cast<int>(map.from[link]), static_cast<int>(map.to[link]));
   std::vector<std::string> lines{
-      fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}; frames left out: {}, of "
-                  "which {} are at places that cannot be reached from the others, or not left for them, and {} at "
-                  "unknown places",
-                  map.places(), map.links(), with([](auto& others) { return others.size() > 2; }),
-                  with([](auto& others) { return others.size() == 1; }), one_way,
+      fmt::format("{}; frames left out: {}, of which {} are at places that cannot be reached from the others, or not "
+                  "left for them, and {} at unknown places",
+                  count_streets(map.places(), links),
                   frames - static_cast<int>(std::set<int>(shown.begin(), shown.end()).size()), apart, unknown)};
   for (std::size_t i = 0; i < std::min(meetings.size(), kMaxMeetings); ++i) {
     const DriveMeeting& one = meetings[i];
