@@ -52,7 +52,10 @@ std::string dataset_of(const Source& source) {
 void add_source_options(CLI::App& app, Source& source, const std::string& group) {
   const OptionGroup options(app, group);
   add_dataset_options(app, source, group);
-  CLI::Option* traversal = app.add_option("--traversal", source.traversal, "Traversal to host")->capture_default_str();
+  CLI::Option* traversal = app.add_option("--traversal", source.traversal,
+                                          "Traversal to host; A+B: recordings that meet, as one map of streets (with "
+                                          "--rule street)")
+                               ->capture_default_str();
   app.add_option("--condition", source.condition, "Host the one traversal recorded under this condition")
       ->excludes(traversal);
 }
@@ -98,7 +101,8 @@ void add_selection_options(CLI::App& app, Selection& selection, const std::strin
       ->check(CLI::Range(0.05, 1e6))
       ->excludes(step);
   app.add_option("--align-to", selection.align,
-                 "Align frames to this sibling traversal; --frames, --metres and --step then refer to it")
+                 "Align frames to this sibling traversal, or each of A+B to that of C+D; --frames, --metres and --step "
+                 "then refer to it")
       ->type_name("NAME");
   app.add_option("--align-by", selection.by,
                  "How to match the frames of both: as the dataset suggests, or another way; sight: by what they show")

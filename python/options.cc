@@ -127,12 +127,17 @@ Keywords with_training(const Keywords& given, const TrainingData& learned) {
   return all;
 }
 
-/// Returns the name in its dataset of a recording that services announce as `name`, if there is one.
+/// Returns the name in its dataset of a recording that services announce as `name`, or of several that were joined, if
+/// there are such.
 std::optional<std::string> find_name(Dataset& dataset, const std::string& name) {
   const std::vector<std::string> names = dataset.names();
   if (std::find(names.begin(), names.end(), name) != names.end()) return name;
   const auto found = std::find_if(names.begin(), names.end(), [&](const auto& one) { return announced(one, name); });
-  return found == names.end() ? std::nullopt : std::optional(*found);
+  if (found != names.end()) return *found;
+  for (const std::string& first : names)
+    if (const std::string begin = name_from(first + "+"); name.starts_with(begin))
+      if (const auto rest = find_name(dataset, name.substr(begin.size()))) return first + "+" + *rest;
+  return std::nullopt;
 }
 std::string name_in(Dataset& dataset, const std::string& name) { return find_name(dataset, name).value_or(name); }
 
