@@ -60,7 +60,10 @@ void read_gpmf(const std::uint8_t* at, const std::uint8_t* end, double begin, do
         const double longitude_scale = scales.size() > 1 && scales[1] != 0 ? scales[1] : scales[0];
         tracks[key].add(begin + duration * static_cast<double>(i) / static_cast<double>(count),
                         fix ? static_cast<double>(big_endian(sample, 4)) / scales[0] : kUnknown,
-                        fix ? static_cast<double>(big_endian(sample + 4, 4)) / longitude_scale : kUnknown);
+                        fix ? static_cast<double>(big_endian(sample + 4, 4)) / longitude_scale : kUnknown,
+                        fix && scales.size() > 2 && scales[2] != 0
+                            ? static_cast<double>(big_endian(sample + 8, 4)) / scales[2]
+                            : kUnknown);
       }
     at += std::min<std::int64_t>((bytes + 3) / 4 * 4, end - at);
   }

@@ -160,10 +160,11 @@ void locate(Traversal& traversal, std::vector<double> latitude, std::vector<doub
   traversal.longitude = std::move(longitude);
 }
 
-void GpsRows::add(double time, double north, double east) {
+void GpsRows::add(double time, double north, double east, double up) {
   times.push_back(time);
   latitude.push_back(north);
   longitude.push_back(east);
+  height.push_back(up);
 }
 
 void locate(Traversal& traversal, const GpsRows& rows, double reach) {
@@ -177,8 +178,10 @@ void locate(Traversal& traversal, const GpsRows& rows, double reach) {
     // Nothing is known of the frames within a jump.
     if (std::find(jumps.begin(), jumps.end(), row) != jumps.end())
       kept.add((kept.times.back() + rows.times[row]) / 2, kUnknown, kUnknown);
-    kept.add(rows.times[row], checked.latitude[row], checked.longitude[row]);
+    kept.add(rows.times[row], checked.latitude[row], checked.longitude[row],
+             rows.height.empty() ? kUnknown : rows.height[row]);
   }
+  traversal.height = interpolate(kept.times, kept.height, traversal.times, reach);
   locate(traversal, interpolate(kept.times, kept.latitude, traversal.times, reach),
          interpolate_longitude(kept.times, kept.longitude, traversal.times, reach));
 }

@@ -11,9 +11,10 @@ namespace citylearn {
 
 /// A point of a receiver's track.
 struct TrackPoint {
-  double time = 0;                     ///< seconds since 1970 in UTC; NaN: not told
-  double latitude = 0, longitude = 0;  ///< degrees; NaN: no fix
-  bool begins = false;                 ///< the first of a segment: the receiver was off before
+  double time = 0;                                           ///< seconds since 1970 in UTC; NaN: not told
+  double latitude = 0, longitude = 0;                        ///< degrees; NaN: no fix
+  bool begins = false;                                       ///< the first of a segment: the receiver was off before
+  double height = std::numeric_limits<double>::quiet_NaN();  ///< metres; NaN: not told
 };
 
 /// Endings of the tracks that read_track() reads, in the order in which one is preferred.

@@ -135,7 +135,7 @@ class Plain : public FolderDataset {
       const GpsRows chapter = read_film_track(film[i], kind);
       if (rows.log.empty()) rows.log = chapter.log;
       for (std::size_t row = 0; row < chapter.times.size(); ++row)
-        rows.add(begins[i] + chapter.times[row], chapter.latitude[row], chapter.longitude[row]);
+        rows.add(begins[i] + chapter.times[row], chapter.latitude[row], chapter.longitude[row], chapter.height[row]);
     }
     for (const std::string& file : files_of(traversal.name, {".srt"}))
       if (rows.times.empty() && is_called(file, traversal.name, film[0])) {
