@@ -144,7 +144,7 @@ std::string name_in(Dataset& dataset, const std::string& name) { return find_nam
 /// Selects the first frames, if it is these that the agent learned from.
 void select_as_taught(Dataset& dataset, Selection& selection, const TraversalContents& taught) {
   const auto name = find_name(dataset, taught.traversal);
-  if (!name || taught.frames < 2) return;
+  if (!name || taught.frames < 2 || dataset.on_streets()) return;  // streets are taken as a whole
   Selection first = selection;
   first.align.clear();
   first.end = static_cast<int>(taught.frames);
