@@ -357,6 +357,7 @@ void define_evaluation(py::module_& module) {
       .def_readonly("reward", &Score::reward);
   py::class_<Policy>(module, "Policy").def("act", &act).def("belief", &belief_of);
   module.def("says_lost", py::vectorize(&says_lost));
+  module.def("least_lost", py::vectorize(&least_lost));
   module.attr("MAX_LOST") = kMaxLost;
   module.def("agent_policy", &agent_policy);
   module.def("exported_policy", &exported_policy);

@@ -103,6 +103,14 @@ TEST_F(SentToGoals, StandsWhileItIsLost) {
   advance(6);
   step(kNext, 0.5f, 1);
   EXPECT_EQ(steps_->trouble(Clock::now()), "");
+  advance(6);
+  step(kNext, 0.25f, 8);
+  EXPECT_EQ(steps_->trouble(Clock::now()), "") << "it was never sure of place 1, and has found itself";
+  advance(6);
+  step(kNext, 0.6875f, 8);
+  advance(6);
+  step(kNext, 0.5f, 1);
+  EXPECT_TRUE(contains(steps_->trouble(Clock::now()), "near place 8 and is likeliest near 1")) << "doubt came before";
   advance(8);
   tasks_.task_mode() = msg::TRAIN;
   steps_->reset(tasks_);
