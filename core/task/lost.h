@@ -9,8 +9,8 @@ namespace citylearn {
 /// Probability of being lost above which an agent says so.
 constexpr double kMaxLost = 0.7;
 
-/// Probability of being lost below which an agent was sure enough of its likeliest place that a leap of it is news.
-constexpr double kSure = 0.4;
+/// Probability of being lost up to which an agent took its likeliest place for the right one.
+constexpr double kMaxSure = 0.5;
 
 /// Returns whether no action leads from the likeliest place before a step to the one after it, even if it slipped.
 constexpr bool leaps(std::uint32_t before, std::uint32_t now) {
@@ -28,7 +28,7 @@ constexpr double least_lost(double least_before, std::uint32_t before, std::uint
 /// leapt, and since the leap before it was sure of it. An agent that was carried away doubts for some steps, then leaps
 /// to where it is. One that never was sure has only found itself. Parameters are those of least_lost().
 constexpr bool says_lost(double least_before, std::uint32_t before, std::uint32_t now, double lost, double bound) {
-  return lost > bound || (least_before <= std::min(kSure, bound) && leaps(before, now));
+  return lost > bound || (least_before <= std::min(kMaxSure, bound) && leaps(before, now));
 }
 
 }  // namespace citylearn

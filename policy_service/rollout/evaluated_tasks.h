@@ -12,8 +12,8 @@
 namespace citylearn {
 
 /// Tracks which tasks the agents of one env_service perform, for a Policy. Ensures that what an agent does depends on
-/// its task alone and not on the agents beside it. Without begin() nobody numbers the tasks: then what was seen in those
-/// that have ended, by any agent, is known to the later ones. Used by one thread.
+/// its task alone and not on the agents beside it. Without begin() nobody numbers the tasks: then what was seen in
+/// those that have ended, by any agent, is known to the later ones. Used by one thread.
 class EvaluatedTasks {
  public:
   /// Agents are computed together in matrices of so many columns. A task always has the same column, because the place

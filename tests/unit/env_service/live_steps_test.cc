@@ -97,11 +97,11 @@ TEST_F(SentToGoals, StandsWhileItIsLost) {
   step(kNext, 0, 5);
   EXPECT_EQ(steps_->trouble(Clock::now()), "") << "a slip leads there";
   advance(6);
-  step(kNext, 0.5f, 1);
+  step(kNext, 0.625f, 1);
   EXPECT_EQ(steps_->trouble(Clock::now()),
             "it was lost and stands: it took itself to be near place 5 and is likeliest near 1 (--max-lost 0.7)");
   advance(6);
-  step(kNext, 0.5f, 1);
+  step(kNext, 0.625f, 1);
   EXPECT_EQ(steps_->trouble(Clock::now()), "");
   advance(6);
   step(kNext, 0.25f, 8);
