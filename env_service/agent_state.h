@@ -17,6 +17,8 @@ struct AgentState {
   Random random = Random(0);
   Mishaps mishaps;
   int task = 0, start = 0, frame = 0, goal = 0, steps = 0;
+  std::vector<int> later;  ///< goals that follow, the next one last
+  int fewest = 0;          ///< steps from the start to the last goal
   int shown = 0;           ///< frame of the route that it sees
   DistanceField distance;  ///< to the goal
   EpisodeReward rule = {0, 1};

@@ -123,7 +123,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
     : traversal_(traversal),
       node_(node_options(options.node, traversal_)),
       rejections_(node_),
-      environment_(traversal_, options.agents, options.imperfections),
+      environment_(traversal_, options.agents, options.imperfections, options.goals),
       server_(node_, environment_),
       scenes_(node_, environment_),
       info_(server_.info()),

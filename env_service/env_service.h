@@ -29,6 +29,7 @@ struct EnvServiceOptions {
   std::vector<std::string> recorders;    ///< ids of recorders for which episodes are kept even before they are heard
   double linger = kLinger.count();       ///< seconds to wait at the end for acknowledgements of live recorders
   std::optional<LiveOptions> live = {};  ///< if set, this robot is the only agent, and it was taught the traversal
+  int goals = 1;                         ///< of a task, 1..kMaxGoals, reached one after the other
 };
 
 /// Hosts M agents on `traversal` for the policy_service of the session, until `stop` returns true (asked at least every

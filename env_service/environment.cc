@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "core/task/goal_chain.h"
 #include "core/task/path.h"
 
 namespace citylearn {
@@ -15,12 +16,17 @@ namespace {
 constexpr std::uint32_t kMaxCount = 1u << 30;
 constexpr int kMaxTries = 1000;  // to draw a goal that can be reached
 
+std::uint8_t flags_of(const AgentState& agent) {
+  return static_cast<std::uint8_t>(agent.flags + kLaterGoal * agent.later.size());
+}
+
 }  // namespace
 
-Environment::Environment(const Traversal& traversal, int agents, const Imperfections& imperfections)
+Environment::Environment(const Traversal& traversal, int agents, const Imperfections& imperfections, int goals)
     : traversal_(traversal),
       traversal_hash_(traversal.hash()),
       imperfections_(imperfections),
+      goals_(goals),
       streets_(traversal.states()) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
@@ -166,13 +172,15 @@ void Environment::begin_episode(AgentState& agent) {
   }
   const int frames = static_cast<int>(settings_.frames());
   agent.start = agent.frame;
-  agent.goal = goal_to_begin(agent);
-  agent.distance = fields_->to(agent.goal);
-  const int fewest = agent.distance(agent.start);
-  std::uint64_t limit = settings_.max_steps();
+  agent.later = draw_goals(*map_, *fields_, agent.start, goal_to_begin(agent), goals_,
+                           [this](int place) { return streets_ || !is_unmatched(place); });
+  agent.fewest = fewest_steps(*map_, *fields_, settings_.goal_radius(), agent.start, agent.later);
+  std::reverse(agent.later.begin(), agent.later.end());
+  std::uint64_t limit = std::min(std::uint64_t{settings_.max_steps()} * agent.later.size(), std::uint64_t{kMaxCount});
   if (settings_.max_detour() > 0)
-    limit = std::min(limit, std::uint64_t{settings_.max_detour()} * static_cast<std::uint64_t>(fewest));
-  agent.rule = {fewest, static_cast<int>(limit)};
+    limit = std::min(limit, std::uint64_t{settings_.max_detour()} * static_cast<std::uint64_t>(agent.fewest));
+  agent.rule = {0, static_cast<int>(limit)};
+  aim(agent);
   agent.steps = 0;
   agent.episode_reward = 0;
   agent.path.clear();
@@ -185,14 +193,23 @@ void Environment::begin_episode(AgentState& agent) {
     for (int i = frames - 1; i > 0; --i) std::swap(agent.order[i], agent.order[agent.random.below(i + 1)]);
     if (goes_on) std::swap(agent.order[agent.frame], *std::find(agent.order.begin(), agent.order.end(), here));
   }
-  agent.mishaps.plan_kidnappings(fewest);
+  agent.mishaps.plan_kidnappings(agent.fewest);
   if (!goes_on) look(agent);
+}
+
+/// Gives the agent the next of its goals.
+void Environment::aim(AgentState& agent) {
+  agent.goal = agent.later.back();
+  agent.later.pop_back();
+  agent.distance = fields_->to(agent.goal);
+  agent.rule.aim(agent.distance(agent.frame));
 }
 
 void Environment::begin_task(AgentState& agent, int task) {
   agent.task = task;
   if (task >= static_cast<int>(settings_.first_task() + settings_.tasks())) {
     agent.flags |= msg::FLAG_IDLE;
+    agent.later.clear();
     agent.previous_action = kNoAction;
     return;
   }
@@ -247,13 +264,18 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     agent.previous_action = actions[index];
     agent.flags = 0;
     agent.reward = agent.rule.step(agent.distance(agent.frame));
-    const bool reached = agent.rule.reached(), goes_on = !reached && !agent.rule.out_of_steps() && !next_goal_;
+    const bool reached = agent.rule.reached() && agent.later.empty();
+    const bool goes_on = !reached && !agent.rule.out_of_steps() && !next_goal_;
     agent.episode_reward += agent.reward;
-    if (goes_on) kidnap(agent);
+    if (goes_on && agent.rule.reached())
+      aim(agent);
+    else if (goes_on)
+      kidnap(agent);
     if (!agent.mishaps.frame_dropped()) look(agent);
     if (goes_on) continue;
-    finished_.push_back({index, agent.task, first + agent.start, first + agent.goal, agent.steps,
-                         agent.distance(agent.start), agent.episode_reward, reached,
+    const int goal = agent.later.empty() ? agent.goal : agent.later.front();
+    finished_.push_back({index, agent.task, first + agent.start, first + goal, agent.steps, agent.fewest,
+                         agent.episode_reward, reached,
                          fits && !agent.strayed ? agent.path : std::vector<std::uint8_t>()});
     agent.flags = reached ? msg::FLAG_TERMINATED : msg::FLAG_TRUNCATED;
     if (settings_.task_mode() == msg::EVALUATE) {
@@ -289,7 +311,7 @@ void Environment::observe(msg::Observation& observation) const {
     observation.goal()[index] = first + agent.goal;
     observation.previous_action()[index] = agent.previous_action;
     observation.allowed()[index] = map_->allowed(agent.frame);
-    observation.flags()[index] = agent.flags;
+    observation.flags()[index] = flags_of(agent);
     observation.reward()[index] = agent.reward;
     if (dimension == 0) continue;
     const std::span<const float> features = feature(static_cast<int>(first) + agent.shown);
@@ -314,7 +336,7 @@ void Environment::observe(msg::Scene& scene) const {
     scene.start()[index] = first + agent.start;
     scene.goal()[index] = first + agent.goal;
     scene.steps()[index] = static_cast<std::uint32_t>(agent.steps);
-    scene.flags()[index] = agent.flags;
+    scene.flags()[index] = flags_of(agent);
   }
 }
 

@@ -22,28 +22,26 @@ namespace citylearn {
 /// streets it stands in a state, whose frame it sees; it goes forward, or turns to the left or right (StateMap), and
 /// its goal is a place. Distances are the fewest steps.
 ///
-/// Reward: +1 on reaching the goal, which ends the episode. A step that leads nearer to the goal than the agent ever
-/// was in this episode costs nothing; every other step costs 1 / max_steps. After max_steps steps the episode is cut
-/// (truncated).
+/// Reward: +1 on reaching the goal. That ends the episode, or the agent gets the task's next goal. A step that leads
+/// nearer to the goal than it ever was since it has it costs nothing; every other step costs 1 / max_steps. After
+/// max_steps steps for each goal the episode is cut (truncated). On streets settings may limit it to a multiple of its
+/// fewest steps too, whichever limit is lower; this is max_steps then.
 ///
-/// On streets settings may limit an episode to a multiple of its fewest steps too, whichever limit is lower.
-///
-/// Imperfections make agents slip, see old frames, or suddenly stand elsewhere ("kidnapped"). An agent that slips over
-/// its goal has not reached it. No agent is kidnapped to its goal. The shortest path is still the one from the start.
-///
+/// Imperfections make agents slip, see old frames, or suddenly stand elsewhere ("kidnapped"), never at their goal. An
+/// agent that slips over its goal has not reached it. The shortest path is still the one from the start.
 /// It has no threads, wire or clock: the same settings and actions give the same observations.
 class Environment {
  public:
-  struct Episode {  ///< a finished one
+  struct Episode {  ///< a finished one; its goal is the last
     int agent, task, start, goal, steps, shortest;
     float reward;
     bool completed;
     std::vector<std::uint8_t> path;  ///< its actions, as EpisodeStat describes; may be empty
   };
 
-  /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
-  /// its streets, if any, have a state for each frame.
-  Environment(const Traversal& traversal, int agents, const Imperfections& imperfections = {});
+  /// `traversal` must outlive the environment and stay as it is. `goals`: of a task, 1..kMaxGoals. Throws Error unless
+  /// 1 <= agents <= msg::MAX_AGENTS and its streets, if any, have a state for each frame.
+  Environment(const Traversal& traversal, int agents, const Imperfections& imperfections = {}, int goals = 1);
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
   /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is
@@ -95,6 +93,7 @@ class Environment {
   int state_to_begin(AgentState& agent);
   bool leads(int state, int goal);
   int goal_to_begin(AgentState& agent);
+  void aim(AgentState& agent);
   int on_route(int place) const;
   bool is_unmatched(int place) const;
   void move(AgentState& agent, std::uint8_t action);
@@ -105,6 +104,7 @@ class Environment {
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;
   const Imperfections imperfections_;
+  const int goals_;
   const std::shared_ptr<const StateMap> streets_;  // null: a line, whose length the settings say
   std::shared_ptr<const StateMap> map_;            // of the settings in force
   std::optional<DistanceFields> fields_;           // likewise

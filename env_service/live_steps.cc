@@ -98,8 +98,9 @@ bool LiveSteps::is_lost(const msg::Belief& belief) {
   if (belief.lost().empty()) return false;
   const double bound = robot_->options().max_lost, lost = belief.lost().front();
   const std::uint32_t likeliest = belief.likely().front(), before = std::exchange(likeliest_, likeliest);
-  const bool stands = says_lost(before, std::exchange(believed_lost_, lost), likeliest, lost, bound) && bound < 1 &&
-                      settings_.task_mode() == msg::EVALUATE;
+  const double least = std::exchange(least_lost_, least_lost(least_lost_, before, likeliest, lost));
+  const bool stands =
+      says_lost(least, before, likeliest, lost, bound) && bound < 1 && settings_.task_mode() == msg::EVALUATE;
   if (stands == !lost_.empty()) return stands;
   lost_ = !stands ? ""
           : lost > bound
@@ -119,7 +120,7 @@ bool LiveSteps::is_lost(const msg::Belief& belief) {
 /// Forgets what was believed.
 void LiveSteps::forget() {
   lost_.clear();
-  believed_lost_ = 1;
+  least_lost_ = 1;
 }
 
 /// Hears where the robot is sent.

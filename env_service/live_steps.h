@@ -58,7 +58,7 @@ class LiveSteps {
   bool driven_ = false;                // a policy_service lets it drive
   std::string lost_;                   // says that it is; empty: it is not
   std::uint32_t likeliest_ = 0;        // of the belief before
-  double believed_lost_ = 1;           // by it
+  double least_lost_ = 1;              // of beliefs up to it
   std::optional<int> goal_;            // to which it was sent, while no episode has begun for it
 };
 

@@ -34,6 +34,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   const OptionGroup environment(app, group);
   add_source_options(app, line.source, group);
   add_goal_option(app, line.source);
+  add_goals_option(app, line.service.goals);
   line.agents = app.add_option("--agents", line.service.agents, "Number of agents on the traversal")
                     ->capture_default_str()
                     ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)));
@@ -82,7 +83,9 @@ void make_live(Traversal& taught, CommandLine& line) {
   if (!taught.images) throw Error("has features, not pictures", "traversal '" + taught.name + "'", "teach one");
   if (line.service.imperfections != Imperfections())
     throw Error("a robot is imperfect by itself", "--slip and the like", "leave them out");
-  if (taught.goal >= 0) throw Error("a robot is sent by the topic of --goal", "--goal-place", "leave it out");
+  if (taught.goal >= 0 || line.service.goals > 1)
+    throw Error("a robot is sent by the topic of --goal", taught.goal >= 0 ? "--goal-place" : "--goals",
+                "leave it out");
   if (line.agents->empty()) line.service.agents = 1;
   taught.name = taught.condition = line.robot_traversal;
   const auto images = std::make_shared<LiveImages>(taught.images, taught.name, microseconds_since_epoch());
@@ -101,7 +104,8 @@ int serve(CommandLine& line) {
     return 0;
   }
   Traversal recorded = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
-  Traversal traversal = imperfect(with_goal(std::move(recorded), line.source.goal), line.service.imperfections);
+  recorded = with_goals(with_goal(std::move(recorded), line.source.goal), line.service.goals);
+  Traversal traversal = imperfect(std::move(recorded), line.service.imperfections);
   traversal.name = name_from(traversal.name);  // folders and files may be called anything
   if (line.show) {
     std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames

@@ -3,9 +3,10 @@
 #include <CLI/CLI.hpp>
 
 #include "core/command_line/range_option.h"
-#include "core/task/state_map.h"
+#include "core/task/goal_chain.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
+#include "env_service/dataset_io/goal_place.h"
 #include "env_service/dataset_io/selection.h"
 
 namespace citylearn {
@@ -52,7 +53,10 @@ std::string dataset_of(const Source& source) {
 void add_source_options(CLI::App& app, Source& source, const std::string& group) {
   const OptionGroup options(app, group);
   add_dataset_options(app, source, group);
-  CLI::Option* traversal = app.add_option("--traversal", source.traversal, "Traversal to host")->capture_default_str();
+  CLI::Option* traversal = app.add_option("--traversal", source.traversal,
+                                          "Traversal to host; A+B: recordings that meet, as one map of streets (with "
+                                          "--rule street)")
+                               ->capture_default_str();
   app.add_option("--condition", source.condition, "Host the one traversal recorded under this condition")
       ->excludes(traversal);
 }
@@ -62,6 +66,13 @@ void add_goal_option(CLI::App& app, Source& source) {
                  "Place to which all tasks lead: its number, the file of a picture, or LAT,LON or LAT,LON,METRES: the "
                  "nearest to a position, at most 50 m or so many away. Else goals are drawn")
       ->type_name("GOAL");
+}
+
+void add_goals_option(CLI::App& app, int& goals) {
+  app.add_option("--goals", goals,
+                 "Goals of a task, reached one after the other as by a courier: --goal-place first, then drawn ones")
+      ->capture_default_str()
+      ->check(CLI::Range(1, kMaxGoals));
 }
 
 void add_dataset_parameters(CLI::App& app, Source& source) {
@@ -98,7 +109,8 @@ void add_selection_options(CLI::App& app, Selection& selection, const std::strin
       ->check(CLI::Range(0.05, 1e6))
       ->excludes(step);
   app.add_option("--align-to", selection.align,
-                 "Align frames to this sibling traversal; --frames, --metres and --step then refer to it")
+                 "Align frames to this sibling traversal, or each of A+B to that of C+D; --frames, --metres and --step "
+                 "then refer to it")
       ->type_name("NAME");
   app.add_option("--align-by", selection.by,
                  "How to match the frames of both: as the dataset suggests, or another way; sight: by what they show")

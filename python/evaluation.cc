@@ -83,6 +83,7 @@ Score evaluate(Policy& policy, const Recording& recording, const Route& route, c
   trial.tasks = tasks.count;
   trial.seed = evaluation_task_seed(tasks.seed);
   trial.imperfections = recording.imperfections;
+  trial.goals = recording.goals;
   trial.interrupt = interrupt;
   return score(try_out(policy, recording.traversal, trial));
 }

@@ -25,10 +25,7 @@ class OnnxPolicy : public Policy {
     net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
   }
 
-  void begin(std::uint32_t first_task, const SeenFeatures& known) override {
-    known_ = known;
-    tasks_.begin(first_task, known);
-  }
+  void begin(std::uint32_t first_task, const SeenFeatures& known) override { tasks_.begin(first_task, known); }
   std::map<std::uint32_t, SeenFeatures> seen() const override { return tasks_.seen(); }
 
   void act(const msg::Observation& seen, std::vector<std::uint8_t>& choice) override {
@@ -62,9 +59,7 @@ class OnnxPolicy : public Policy {
       Vector<float> own = inputs_.features_of(column);
       if (rows.contains("condition")) {
         tasks_.normalise(FeatureNormaliser(), agent, own);  // notes what is seen
-        SeenFeatures total = known_;
-        total.add(tasks_.seen().at(tasks_.task(agent)));
-        give("condition", total.numbers());
+        give("condition", tasks_.total().numbers());
       }
       give("features", own);
       give("goal", number(inputs_.goal[c]));
@@ -90,7 +85,6 @@ class OnnxPolicy : public Policy {
   const std::uint64_t seed_;
   cv::dnn::Net net_;
   EvaluatedTasks tasks_;
-  SeenFeatures known_;
   NetworkInputs<float> inputs_;
   std::vector<cv::Mat> states_;  // by agent
   std::vector<Random> random_;   // by agent, of its task

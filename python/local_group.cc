@@ -9,7 +9,7 @@ namespace {
 class LocalGroup : public EnvGroup {
  public:
   LocalGroup(const Recording& recording, int agents, int services)
-      : environments_(services, Environment(recording.traversal, agents, recording.imperfections)) {
+      : environments_(services, Environment(recording.traversal, agents, recording.imperfections, recording.goals)) {
     const Traversal& traversal = recording.traversal;
     shape_ = {traversal.name,      agents * services, std::vector(static_cast<std::size_t>(services), agents),
               traversal.dimension, traversal.frames,  streets_of(recording)};

@@ -20,6 +20,7 @@
 #include <optional>
 
 #include "core/exchange/timing.h"
+#include "core/task/goal_chain.h"
 #include "core/task/lost.h"
 #include "core/util/log_format.h"
 #include "encoder_service/encoding/encoder.h"
@@ -83,14 +84,12 @@ class Envs {
     return columns.tuple();
   }
 
-  /// Returns the fewest steps on streets from states to places, an agent each.
-  py::array_t<std::int64_t> fewest_steps(const py::array_t<std::int64_t>& states,
-                                         const py::array_t<std::int64_t>& goals) {
-    if (!distances_) distances_.emplace(*shape().streets.states);
-    py::array_t<std::int64_t> steps(ArrayShape{states.size()});
-    for (py::ssize_t i = 0; i < states.size(); ++i)
-      steps.mutable_at(i) = distances_->to(static_cast<int>(goals.at(i)))(static_cast<int>(states.at(i)));
-    return steps;
+  /// Returns the fewest steps from a place of the route, or a state, through goals one after the other.
+  int fewest_steps(int start, const std::vector<int>& goals) {
+    const Streets& streets = shape().streets;
+    if (!map_) map_ = streets.states ? streets.states : std::make_shared<const StateMap>(shape().traversal_frames);
+    if (!distances_) distances_.emplace(*map_);
+    return citylearn::fewest_steps(*map_, *distances_, 0, start, goals);
   }
 
   /// Returns the place of each state, and the heading that it looks to; empty on a line.
@@ -145,6 +144,7 @@ class Envs {
 
   const std::shared_ptr<const Recording> recording_;
   const std::unique_ptr<EnvGroup> group_;
+  std::shared_ptr<const StateMap> map_;
   std::optional<DistanceFields> distances_;
   std::atomic<bool> cancelled_ = false;
   std::optional<Columns> pending_;
@@ -357,6 +357,7 @@ void define_evaluation(py::module_& module) {
       .def_readonly("reward", &Score::reward);
   py::class_<Policy>(module, "Policy").def("act", &act).def("belief", &belief_of);
   module.def("says_lost", py::vectorize(&says_lost));
+  module.def("least_lost", py::vectorize(&least_lost));
   module.attr("MAX_LOST") = kMaxLost;
   module.def("agent_policy", &agent_policy);
   module.def("exported_policy", &exported_policy);

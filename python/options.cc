@@ -27,6 +27,7 @@ const std::string kGroup = "Options";  // one without a name hides options' name
 struct RecordingOptions {
   Source source;
   Imperfections imperfections;
+  int goals = 1;
   std::string encoder = kDefaultEncoder, store = default_store();
   EncoderFiles files;
   std::map<std::string, std::map<std::string, double>> encoder_parameters;
@@ -67,6 +68,7 @@ void parse(CLI::App& app, const Keywords& keywords) {
 void add_recording_options(CLI::App& app, RecordingOptions& options) {
   add_source_options(app, options.source, kGroup);
   add_goal_option(app, options.source);
+  add_goals_option(app, options.goals);
   add_selection_options(app, options.source.selection, kGroup);
   add_imperfection_options(app, options.imperfections, kGroup);
   app.add_option("--encoder", options.encoder);
@@ -124,19 +126,24 @@ Keywords with_training(const Keywords& given, const TrainingData& learned) {
   return all;
 }
 
-/// Returns the name in its dataset of a recording that services announce as `name`, if there is one.
+/// Returns the name in its dataset of a recording that services announce as `name`, or of several that were joined, if
+/// there are such.
 std::optional<std::string> find_name(Dataset& dataset, const std::string& name) {
   const std::vector<std::string> names = dataset.names();
   if (std::find(names.begin(), names.end(), name) != names.end()) return name;
   const auto found = std::find_if(names.begin(), names.end(), [&](const auto& one) { return announced(one, name); });
-  return found == names.end() ? std::nullopt : std::optional(*found);
+  if (found != names.end()) return *found;
+  for (const std::string& first : names)
+    if (const std::string begin = name_from(first + "+"); name.starts_with(begin))
+      if (const auto rest = find_name(dataset, name.substr(begin.size()))) return first + "+" + *rest;
+  return std::nullopt;
 }
 std::string name_in(Dataset& dataset, const std::string& name) { return find_name(dataset, name).value_or(name); }
 
 /// Selects the first frames, if it is these that the agent learned from.
 void select_as_taught(Dataset& dataset, Selection& selection, const TraversalContents& taught) {
   const auto name = find_name(dataset, taught.traversal);
-  if (!name || taught.frames < 2) return;
+  if (!name || taught.frames < 2 || dataset.on_streets()) return;  // streets are taken as a whole
   Selection first = selection;
   first.align.clear();
   first.end = static_cast<int>(taught.frames);
@@ -230,8 +237,9 @@ Recording load_recording(const Keywords& keywords, const TrainingData& learned) 
   if (learned.known() && !options.selection_given)
     select_as_taught(*dataset, options.source.selection, learned.traversals.front());
   const std::string name = name_in(*dataset, chosen_traversal(*dataset, options.source));
-  Traversal recorded = with_goal(select(*dataset, name, options.source.selection), options.source.goal);
-  Recording recording{imperfect(std::move(recorded), options.imperfections), options.imperfections, {}};
+  Traversal recorded =
+      with_goals(with_goal(select(*dataset, name, options.source.selection), options.source.goal), options.goals);
+  Recording recording{imperfect(std::move(recorded), options.imperfections), options.imperfections, options.goals, {}};
   Traversal& traversal = recording.traversal;
   traversal.name = name_from(traversal.name);
   for (const std::string option : {"encoder", "reference", "dimension"})

@@ -20,6 +20,7 @@ using Keywords = std::map<std::string, std::string>;
 struct Recording {
   Traversal traversal;
   Imperfections imperfections;
+  int goals = 1;                   ///< of a task
   std::shared_ptr<Images> images;  ///< the traversal's pictures; null where it was recorded as features
 };
 

@@ -19,10 +19,13 @@ inline std_msgs::msg::dds_::Header_ ros2_header(const std::string& frame_id, std
   return header;
 }
 
-/// Returns a header's time likewise; 0 where it has none.
-inline std::uint64_t ros2_time(const std_msgs::msg::dds_::Header_& header) {
-  const std::int64_t seconds = header.stamp().sec();
-  return seconds < 0 ? 0 : static_cast<std::uint64_t>(seconds) * kRos2Second + header.stamp().nanosec();
+/// Returns a time in nanoseconds since 1970; 0 where it is before that.
+inline std::uint64_t ros2_time(const builtin_interfaces::msg::dds_::Time_& time) {
+  const std::int64_t seconds = time.sec();
+  return seconds < 0 ? 0 : static_cast<std::uint64_t>(seconds) * kRos2Second + time.nanosec();
 }
+
+/// Returns a header's time likewise; 0 where it has none.
+inline std::uint64_t ros2_time(const std_msgs::msg::dds_::Header_& header) { return ros2_time(header.stamp()); }
 
 }  // namespace citylearn

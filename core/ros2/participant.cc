@@ -67,6 +67,8 @@ void add_ros2_options(CLI::App& app, Ros2Options& ros) {
       ->capture_default_str();
   app.add_option("--ros-peers", ros.peers, "Hosts with nodes that multicast does not reach: HOST[:PORT],...")
       ->delimiter(',');
+  app.add_flag("--use-sim-time", ros.use_sim_time,
+               "Time is what nodes publish on /clock: of a simulator, or of a bag that is played");
 }
 
 std::string ros2_topic(const std::string& name, const std::string& where) {
@@ -98,6 +100,7 @@ Ros2Participant::Ros2Participant(const Ros2Options& ros, const std::string& name
   other_nodes_ = middleware_->create_subscription(graph);
   std::set<std::string> taken;
   node_ = {middleware_->guid(), "/citylearn", ros2_name(name, "node_", taken), {}, {}};
+  if (ros.use_sim_time) clock_.follow(subscribe<rosgraph_msgs::msg::dds_::Clock_>("/clock"));
 }
 
 Publisher& Ros2Participant::publisher(const std::string& topic, const Ros2Type& type) {
@@ -131,6 +134,7 @@ Ros2Server Ros2Participant::create_server(const std::string& name, const Ros2Typ
 std::vector<std::string> Ros2Participant::poll() {
   if (std::exchange(node_changed_, false)) graph_->publish(encode_ros2(node_, gid_bytes_));
   middleware_->wait(Clock::now());  // Fast DDS announces this process to those that it has just discovered
+  clock_.poll(Clock::now());
   std::vector<std::string> faults = middleware_->discovery().faults();
   while (other_nodes_->take(bytes_)) {
     const std::size_t other = gid_bytes_ == 16 ? 24 : 16;

@@ -8,9 +8,11 @@
 #include <vector>
 
 #include "core/dds/middleware.h"
+#include "core/ros2/clock.h"
 #include "core/ros2/graph.h"
 #include "core/ros2/messages.h"
 #include "core/ros2/service.h"
+#include "core/ros2/subscription.h"
 
 namespace CLI {
 class App;
@@ -22,45 +24,19 @@ namespace citylearn {
 struct Ros2Options : MiddlewareOptions {
   Ros2Options(MiddlewareOptions middleware = {}) : MiddlewareOptions(std::move(middleware)) {}
   std::string distro = "jazzy";  ///< their release, one of ros2_distros()
+  bool use_sim_time = false;     ///< time is what /clock says
 };
 
 /// Returns the options by which nodes with their default settings are met: Fast DDS, domain 0, multicast.
 Ros2Options ros2_defaults();
 
-/// Adds --ros-domain (ROS_DOMAIN_ID), --ros-distro (ROS_DISTRO), --ros-middleware, --ros-interface and --ros-peers.
+/// Adds --ros-domain (ROS_DOMAIN_ID), --ros-distro (ROS_DISTRO), --ros-middleware, --ros-interface, --ros-peers and
+/// --use-sim-time.
 void add_ros2_options(CLI::App& app, Ros2Options& ros);
 
 /// Returns the topic's name as ROS 2 writes it: "/camera/image", also for "camera/image" and for "rt/camera/image" of
 /// DDS. Throws Error naming `where` unless it is one: names of letters, digits and '_', with '/' between.
 std::string ros2_topic(const std::string& name, const std::string& where);
-
-/// Hears one topic. Used by the participant's thread, and not after it.
-template <class Message>
-class Ros2Subscription {
- public:
-  explicit Ros2Subscription(std::unique_ptr<Subscription> subscription) : subscription_(std::move(subscription)) {}
-
-  /// Takes the next message that can be read; false when there is none.
-  bool take(Message& message) {
-    while (subscription_->take(bytes_)) {
-      if (decode_ros2(bytes_, message)) return true;
-      ++unreadable_;
-    }
-    return false;
-  }
-  int publishers() const { return subscription_->matched(); }
-  /// Says why nothing comes: "nobody publishes sensor_msgs/msg/Image on /camera/image_raw".
-  std::string why_silent(const std::string& topic) const {
-    if (publishers() == 0) return "nobody publishes " + ros2_type_of<Message>().name + " on " + topic;
-    if (unreadable_ > 0) return "what comes on " + topic + " is of another type";
-    return "nothing comes on " + topic;
-  }
-
- private:
-  std::unique_ptr<Subscription> subscription_;
-  Bytes bytes_;
-  std::uint64_t unreadable_ = 0;
-};
 
 /// A node of ROS 2. It speaks and listens to others: "/a/b" is the DDS topic "rt/a/b". It publishes with the qualities
 /// of ROS 2's default, which subscriptions of that and of sensor data both accept. Used by one thread.
@@ -95,9 +71,13 @@ class Ros2Participant : public Ros2Sink {
 
   /// Waits until there may be something to take (true) or the deadline has passed.
   bool wait(Clock::time_point deadline) { return middleware_->wait(deadline); }
-  /// Announces the node's endpoints where some are new, and does what the middleware has to do. Call it several times a
-  /// second. Returns what is wrong since the last call, a line each: others use a topic with another type, or are of a
-  /// release that does not see this node.
+  /// Returns the time of nodes.
+  const Ros2Clock& clock() const { return clock_; }
+  /// Returns what its at() says now.
+  Clock::time_point now() const { return clock_.at(Clock::now()); }
+  /// Announces the node's endpoints where some are new, hears the time, and does what the middleware has to do. Call it
+  /// several times a second. Returns what is wrong since the last call, a line each: others use a topic with another
+  /// type, or are of a release that does not see this node.
   std::vector<std::string> poll();
 
  private:
@@ -114,6 +94,7 @@ class Ros2Participant : public Ros2Sink {
   std::unique_ptr<Subscription> other_nodes_;
   Ros2Node node_;  // an endpoint stays there until this ends
   bool node_changed_ = true, other_distro_ = false;
+  Ros2Clock clock_;
   Bytes bytes_;
 };
 

@@ -6,8 +6,8 @@
 namespace citylearn {
 
 /// Rewards the steps of one episode (Chancán & Milford, 2020): 1 at the goal, nothing for a step that leads nearer to
-/// the goal than the agent ever was in the episode, else a cost of 1 / max_steps. The distances alone decide, so the
-/// reward is known for goals that no agent had.
+/// the goal than the agent ever was since it has this goal, else a cost of 1 / max_steps. The distances alone decide,
+/// so the reward is known for goals that no agent had.
 class EpisodeReward {
  public:
   /// `distance`: the fewest steps from the start to the goal.
@@ -26,6 +26,8 @@ class EpisodeReward {
     distance_ = distance;
     nearest_ = std::min(nearest_, distance);
   }
+  /// Notes that the agent has a new goal, `distance` steps away: as at an episode's start, but steps are counted on.
+  void aim(int distance) { distance_ = nearest_ = distance; }
   bool reached() const { return distance_ == 0; }
   bool out_of_steps() const { return steps_ >= max_steps_; }
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
 #include <regex>
 #include <string_view>
@@ -28,6 +29,15 @@ constexpr int kMotionSamples = 50;                           // pictures of a fi
 constexpr std::size_t kMinMotionSamples = 20;                // that have a place: fewer prove nothing
 constexpr double kMotionStep = 0.1;                          // seconds: some films repeat pictures
 constexpr double kMinMotionFit = 0.6, kMinMotionLead = 0.4;  // correlations, of the better fit and over the other
+constexpr double kClockError = 3, kCoarseStep = 0.5;         // seconds by which a film's clock may be off, and between
+constexpr double kFineStep = 0.01, kFineReach = 1.5;         // ... those that are tried, then about the best
+constexpr double kMinFineFit = 0.8;                          // correlation with a clock that is trusted to a picture
+constexpr double kFlat = 0.5, kMinFall = 0.01;  // seconds from the best fit, and by how much it is worse there
+constexpr double kStretch = 4;                  // seconds before and after a change of speed that are looked at
+constexpr std::size_t kMaxStretches = 6;
+constexpr double kSaturations[] = {1e3, 0.5, 0.15};  // shares of the highest speed at which half of all changes is seen
+constexpr double kMinSearched = 20;                  // seconds of a film that does not say when it began
+constexpr double kMinLead = 0.15, kOneClock = 5;     // fit over those at clocks that differ by so many seconds
 
 std::int64_t big_endian(const std::uint8_t* at, int bytes) {
   std::uint32_t value = 0;
@@ -36,8 +46,8 @@ std::int64_t big_endian(const std::uint8_t* at, int bytes) {
 }
 
 /// GPMF (gopro/gpmf-parser): elements of a key, a type, a structure's size, their number and data, padded to 4 bytes.
-/// GPS5 and GPS9 hold latitude and longitude, divided by the first numbers of SCAL; GPS9 has a fix of its own, for
-/// GPS5 GPSF tells it. The samples of a packet are spread over its time.
+/// GPS5 and GPS9 hold latitude, longitude and height, divided by the first numbers of SCAL; GPS9 has a fix of its own,
+/// for GPS5 GPSF tells it. The samples of a packet are spread over its time.
 void read_gpmf(const std::uint8_t* at, const std::uint8_t* end, double begin, double duration, TracksByKind& tracks,
                int nesting = 0) {
   std::vector<double> scales;
@@ -60,7 +70,10 @@ void read_gpmf(const std::uint8_t* at, const std::uint8_t* end, double begin, do
         const double longitude_scale = scales.size() > 1 && scales[1] != 0 ? scales[1] : scales[0];
         tracks[key].add(begin + duration * static_cast<double>(i) / static_cast<double>(count),
                         fix ? static_cast<double>(big_endian(sample, 4)) / scales[0] : kUnknown,
-                        fix ? static_cast<double>(big_endian(sample + 4, 4)) / longitude_scale : kUnknown);
+                        fix ? static_cast<double>(big_endian(sample + 4, 4)) / longitude_scale : kUnknown,
+                        fix && scales.size() > 2 && scales[2] != 0
+                            ? static_cast<double>(big_endian(sample + 8, 4)) / scales[2]
+                            : kUnknown);
       }
     at += std::min<std::int64_t>((bytes + 3) / 4 * 4, end - at);
   }
@@ -81,59 +94,170 @@ void read_subtitle(const std::string& text, double time, TracksByKind& tracks) {
 /// A moment of a film and how much its pictures change then, 0 to 255.
 using Motion = std::pair<double, double>;
 
-std::vector<Motion> motion_of(const Traversal& film) {
+cv::Mat grey_picture(const Traversal& film, std::size_t frame) {
   Bytes bytes;
-  const auto grey = [&](std::size_t frame) {
-    film.images->read(static_cast<int>(frame), bytes);
-    cv::Mat small, picture = decode_image(bytes, film.images->name(static_cast<int>(frame)));
-    cv::resize(picture, small, cv::Size(64, 48), 0, 0, cv::INTER_AREA);
-    cv::cvtColor(small, small, cv::COLOR_BGR2GRAY);
-    return small;
-  };
+  film.images->read(static_cast<int>(frame), bytes);
+  cv::Mat small, picture = decode_image(bytes, film.images->name(static_cast<int>(frame)));
+  cv::resize(picture, small, cv::Size(64, 48), 0, 0, cv::INTER_AREA);
+  cv::cvtColor(small, small, cv::COLOR_BGR2GRAY);
+  return small;
+}
+
+/// Returns the first frame at or after a time; the number of frames where there is none.
+std::size_t frame_from(const Traversal& film, double time) {
+  return static_cast<std::size_t>(std::lower_bound(film.times.begin(), film.times.end(), time) - film.times.begin());
+}
+
+double change(const cv::Mat& before, const cv::Mat& after) {
+  return cv::norm(before, after, cv::NORM_L1) / static_cast<double>(before.total());
+}
+
+/// Sets the highest tenth to the lowest of these: cuts, and wrong fixes.
+void clip(std::vector<double>& values) {
+  std::vector<double> sorted = values;
+  const auto most = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 9 / 10);
+  std::nth_element(sorted.begin(), most, sorted.end());
+  for (double& value : values) value = std::min(value, *most);
+}
+
+/// Returns the motion at moments all over a film.
+std::vector<Motion> motion_of(const Traversal& film) {
   std::vector<Motion> motion;
-  const std::vector<double>& times = film.times;
   for (int i = 0; i < kMotionSamples; ++i) try {
-      const std::size_t frame = times.size() * static_cast<std::size_t>(i) / kMotionSamples;
-      const auto next = std::lower_bound(times.begin(), times.end(), times[frame] + kMotionStep);
-      if (next == times.end()) break;
-      const cv::Mat before = grey(frame), after = grey(static_cast<std::size_t>(next - times.begin()));
-      motion.emplace_back(times[frame], cv::norm(before, after, cv::NORM_L1) / static_cast<double>(before.total()));
+      const std::size_t frame = film.times.size() * static_cast<std::size_t>(i) / kMotionSamples;
+      const std::size_t next = frame_from(film, film.times[frame] + kMotionStep);
+      if (next == film.times.size()) break;
+      motion.emplace_back(film.times[frame], change(grey_picture(film, frame), grey_picture(film, next)));
     } catch (const Error&) {  // a damaged picture: reading the film tells of it
     }
   return motion;
 }
 
-/// Returns the correlation of a film's motion and the speed on the track where second 0 of the film is at `start` of
-/// it; 0 where that cannot be told. The highest tenth of each counts as equal: cuts, and wrong fixes.
-double motion_fit(const std::vector<Motion>& motion, const GpsRows& rows, double start, double reach) {
-  std::vector<double> moments;
-  for (const Motion& at : motion) moments.insert(moments.end(), {start + at.first - 1, start + at.first + 1});
-  const std::vector<double> latitude = interpolate(rows.times, rows.latitude, moments, reach),
-                            longitude = interpolate_longitude(rows.times, rows.longitude, moments, reach);
-  std::array<std::vector<double>, 2> values;
-  for (std::size_t i = 0; i < motion.size(); ++i) {
-    const double way = metres_between(latitude[2 * i], longitude[2 * i], latitude[2 * i + 1], longitude[2 * i + 1]);
-    if (std::isnan(way)) continue;
-    values[0].push_back(motion[i].second);
-    values[1].push_back(way);
+/// Returns the motion a second about a moment of a film, each the mean of those up to a second before and after.
+std::vector<Motion> motion_about(const Traversal& film, double moment) {
+  std::vector<double> times, changes;
+  cv::Mat before;
+  double last = 0;
+  for (std::size_t frame = frame_from(film, moment - kStretch);
+       frame < film.times.size() && film.times[frame] <= moment + kStretch;
+       frame = frame_from(film, film.times[frame] + kMotionStep)) {
+    const cv::Mat now = grey_picture(film, frame);
+    if (!before.empty()) {
+      times.push_back((last + film.times[frame]) / 2);
+      changes.push_back(change(before, now) / (film.times[frame] - last));
+    }
+    before = now;
+    last = film.times[frame];
   }
-  const std::size_t count = values[0].size();
-  if (count < kMinMotionSamples) return 0;
-  for (std::vector<double>& series : values) {
-    std::vector<double> sorted = series;
-    std::sort(sorted.begin(), sorted.end());
-    double mean = 0;
-    for (double& value : series) mean += (value = std::min(value, sorted[count * 9 / 10])) / static_cast<double>(count);
-    for (double& value : series) value -= mean;
+  if (changes.empty()) return {};
+  clip(changes);
+  std::vector<Motion> motion;
+  for (const double time : times) {
+    if (time < times.front() + 1 || time > times.back() - 1) continue;
+    double sum = 0, count = 0;
+    for (std::size_t i = 0; i < times.size(); ++i)
+      if (std::abs(times[i] - time) <= 1) sum += changes[i], ++count;
+    motion.emplace_back(time, sum / count);
   }
-  double squares[2] = {0, 0}, products = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    products += values[0][i] * values[1][i];
-    for (const int k : {0, 1}) squares[k] += values[k][i] * values[k][i];
-  }
-  const double scale = std::sqrt(squares[0] * squares[1]);
-  return scale > 1e-9 ? products / scale : 0;
+  return motion;
 }
+
+double correlation(std::vector<double> a, std::vector<double> b) {
+  for (std::vector<double>* const series : {&a, &b}) {
+    const double mean = std::accumulate(series->begin(), series->end(), 0.0) / static_cast<double>(series->size());
+    for (double& value : *series) value -= mean;
+  }
+  const auto product = [](const auto& x, const auto& y) {
+    return std::inner_product(x.begin(), x.end(), y.begin(), 0.0);
+  };
+  const double scale = std::sqrt(product(a, a) * product(b, b));
+  return scale > 1e-9 ? product(a, b) / scale : 0;
+}
+
+/// A track whose speed is compared with the motion of a film.
+class SpeedMatch {
+ public:
+  SpeedMatch(const GpsRows& rows, double reach) : times_(rows.times), reach_(reach) {
+    const std::vector<float> along = metres_along(rows.latitude, rows.longitude);
+    along_.assign(along.begin(), along.end());
+  }
+
+  /// Returns the correlation of a film's motion and the speed where second 0 of the film is at `start` of the track,
+  /// the highest of those with speeds above which pictures hardly change more; 0 where that cannot be told.
+  double fit(const std::vector<Motion>& motion, double start) const {
+    std::vector<double> moments;
+    for (const Motion& at : motion) moments.insert(moments.end(), {start + at.first - 1, start + at.first + 1});
+    const std::vector<double> metres = interpolate(times_, along_, moments, reach_);
+    std::array<std::vector<double>, 2> values;
+    for (std::size_t i = 0; i < motion.size(); ++i) {
+      const double way = metres[2 * i + 1] - metres[2 * i];
+      if (std::isnan(way)) continue;
+      values[0].push_back(motion[i].second);
+      values[1].push_back(way);
+    }
+    const std::size_t count = values[0].size();
+    if (count < kMinMotionSamples) return 0;
+    for (std::vector<double>& series : values) clip(series);
+    const double most = *std::max_element(values[1].begin(), values[1].end());
+    double best = 0;
+    for (const double share : kSaturations) {
+      std::vector<double> speeds;
+      for (const double speed : values[1]) speeds.push_back(speed / (speed + share * most + 1e-9));
+      best = std::max(best, correlation(values[0], speeds));
+    }
+    return best;
+  }
+
+  /// A start of the film, and how well it fits.
+  struct Found {
+    double fit, start;
+  };
+  Found best(const std::vector<Motion>& motion, double from, double to, double step) const {
+    Found found{-1, from};
+    for (double start = from; start <= to; start += step)
+      if (const double now = fit(motion, start); now > found.fit) found = {now, start};
+    return found;
+  }
+
+  /// Returns the start to a picture where changes of speed tell it, which is about the one given.
+  std::optional<double> refined(const Traversal& film, double start) const {
+    std::vector<Motion> motion;
+    for (const double moment : changes_of_speed(film.times.front(), film.times.back(), start)) try {
+        const std::vector<Motion> more = motion_about(film, moment);
+        motion.insert(motion.end(), more.begin(), more.end());
+      } catch (const Error&) {  // a damaged picture: reading the film tells of it
+      }
+    const Found found = best(motion, start - kFineReach, start + kFineReach, kFineStep);
+    const double beside = std::max(fit(motion, found.start - kFlat), fit(motion, found.start + kFlat));
+    if (found.fit < kMinFineFit || found.fit - beside < kMinFall) return std::nullopt;
+    return found.start;
+  }
+
+ private:
+  /// Returns moments of a film about which the speed changes most.
+  std::vector<double> changes_of_speed(double first, double last, double start) const {
+    std::vector<double> moments, chosen;
+    std::vector<std::pair<double, double>> changes;
+    for (double at = first + kStretch; at <= last - kStretch; at += kCoarseStep)
+      moments.insert(moments.end(), {start + at - 2, start + at - 1, start + at + 1, start + at + 2});
+    const std::vector<double> metres = interpolate(times_, along_, moments, reach_);
+    for (std::size_t i = 0; i + 3 < metres.size(); i += 4)
+      if (const double more = std::abs(metres[i + 3] - metres[i + 2] - metres[i + 1] + metres[i]); more > 0)
+        changes.emplace_back(more, moments[i] + 2 - start);
+    std::sort(changes.rbegin(), changes.rend());
+    for (const auto& [more, at] : changes)
+      if (chosen.size() < kMaxStretches && std::none_of(chosen.begin(), chosen.end(), [&](double other) {
+            return std::abs(other - at) < 2 * kStretch - 2;
+          }))
+        chosen.push_back(at);
+    std::sort(chosen.begin(), chosen.end());
+    return chosen;
+  }
+
+  const std::vector<double> times_;
+  std::vector<double> along_;  // metres
+  const double reach_;
+};
 
 }  // namespace
 
@@ -176,23 +300,48 @@ double find_film_start(const Traversal& film, const GpsRows& rows, double reach,
   const double first = film.times[0], length = film.times.back();
   const double begin = rows.times.front() - reach, end = rows.times.back() + reach;
   if (length <= 2 * reach || first - length < begin || end < 0) return 0;  // too short to matter, or not at its end
+  const SpeedMatch match(rows, reach);
+  const auto mended = [&](double start, double about) {
+    const double found = match.refined(film, about).value_or(start);
+    if (std::abs(found - start) * 2 * static_cast<double>(film.frames) < length) return start;  // half a picture
+    spdlog::info("{}: its clock is taken to be {:.2f} s {} the track's, as its motion fits the speed there", where,
+                 std::abs(found - start), found > start ? "behind" : "ahead of");
+    return found;
+  };
   if (first + length / 10 > rows.times.back()) {
     spdlog::warn("{}: creation_time is taken as its end, as the track ends about then or before", where);
-    return -length;
+    return mended(-length, -length);
   }
   const std::vector<Motion> motion = motion_of(film);
-  const double at_start = motion_fit(motion, rows, 0, reach), at_end = motion_fit(motion, rows, -length, reach);
-  if (at_end >= kMinMotionFit && at_end - at_start >= kMinMotionLead) {
+  const auto at_start = match.best(motion, -kClockError, kClockError, kCoarseStep),
+             at_end = match.best(motion, -length - kClockError, -length + kClockError, kCoarseStep);
+  if (at_end.fit >= kMinMotionFit && at_end.fit - at_start.fit >= kMinMotionLead) {
     spdlog::warn("{}: creation_time is taken as its end: its motion fits the speed on the track {:.2f} against {:.2f}",
-                 where, at_end, at_start);
-    return -length;
+                 where, at_end.fit, at_start.fit);
+    return mended(-length, at_end.start);
   }
-  if (at_start < kMinMotionFit || at_start - at_end < kMinMotionLead)
-    spdlog::warn(
-        "{}: creation_time is taken as its start, but it may be its end: motion fits the track's speed {:.2f} and "
-        "{:.2f}; if it is, give --plain-clock-offset {:.0f}, else .001",
-        where, at_start, at_end, -length);
+  if (at_start.fit >= kMinMotionFit && at_start.fit - at_end.fit >= kMinMotionLead) return mended(0, at_start.start);
+  spdlog::warn(
+      "{}: creation_time is taken as its start, but it may be its end: motion fits the track's speed {:.2f} and "
+      "{:.2f}; if it is, give --plain-clock-offset {:.0f}, else .001",
+      where, at_start.fit, at_end.fit, -length);
   return 0;
+}
+
+std::optional<double> search_film_start(const Traversal& film, const GpsRows& rows, double reach) {
+  const double length = film.times.back();
+  if (length < kMinSearched) return std::nullopt;
+  const double first = rows.times.front() - length / 4, last = rows.times.back() - 3 * length / 4;
+  const SpeedMatch match(rows, reach);
+  const std::vector<Motion> motion = motion_of(film);
+  const SpeedMatch::Found found = match.best(motion, first, last, kCoarseStep),
+                          before = match.best(motion, first, found.start - kOneClock, kCoarseStep),
+                          after = match.best(motion, found.start + kOneClock, last, kCoarseStep);
+  if (found.fit < kMinFineFit || found.fit - std::max(before.fit, after.fit) < kMinLead) return std::nullopt;
+  const double start = match.refined(film, found.start).value_or(found.start);
+  spdlog::info("{}: begins {:.2f} s after the first point of {}, as its motion fits the speed there", film.name,
+               start - rows.times.front(), rows.log);
+  return start;
 }
 
 }  // namespace citylearn

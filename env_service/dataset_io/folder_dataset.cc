@@ -29,8 +29,9 @@ FolderDataset::FolderDataset(const std::string& dataset, const std::string& fold
 
 Traversal FolderDataset::load(const std::string& name) {
   require_known(name);
+  if (on_streets()) streets();
   Traversal traversal = checked(name);
-  if (on_streets() && !traversal.streets && streets()) show_links(traversal);
+  if (on_streets() && !traversal.streets && osm_) show_links(traversal);
   return traversal;
 }
 
@@ -40,6 +41,7 @@ Traversal FolderDataset::checked(const std::string& name) {
   if (std::any_of(traversal.positions.begin(), traversal.positions.end(), [](float x) { return std::isinf(x); }))
     throw Error("traversal '" + name + "' has places that are too far apart to measure", folder_, "mend its positions");
   if (drives() && !traversal.streets) forget_impossible(traversal, folder_);
+  if (osm_) shown_[name] = frames_along_links(traversal, *osm_);
   return traversal;
 }
 
@@ -55,9 +57,10 @@ std::vector<std::string> FolderDataset::describe_streets() {
 }
 
 const StreetCoverage& FolderDataset::coverage() {
-  if (!coverage_)
-    coverage_ = std::make_shared<const StreetCoverage>(
-        find_coverage(*osm_, names(), [this](const std::string& name) { return checked(name); }));
+  if (coverage_) return *coverage_;
+  for (const std::string& name : names())
+    if (!shown_.contains(name)) checked(name);
+  coverage_ = std::make_shared<const StreetCoverage>(find_coverage(*osm_, shown_));
   return *coverage_;
 }
 
@@ -157,10 +160,11 @@ void locate(Traversal& traversal, std::vector<double> latitude, std::vector<doub
   traversal.longitude = std::move(longitude);
 }
 
-void GpsRows::add(double time, double north, double east) {
+void GpsRows::add(double time, double north, double east, double up) {
   times.push_back(time);
   latitude.push_back(north);
   longitude.push_back(east);
+  height.push_back(up);
 }
 
 void locate(Traversal& traversal, const GpsRows& rows, double reach) {
@@ -174,8 +178,10 @@ void locate(Traversal& traversal, const GpsRows& rows, double reach) {
     // Nothing is known of the frames within a jump.
     if (std::find(jumps.begin(), jumps.end(), row) != jumps.end())
       kept.add((kept.times.back() + rows.times[row]) / 2, kUnknown, kUnknown);
-    kept.add(rows.times[row], checked.latitude[row], checked.longitude[row]);
+    kept.add(rows.times[row], checked.latitude[row], checked.longitude[row],
+             rows.height.empty() ? kUnknown : rows.height[row]);
   }
+  traversal.height = interpolate(kept.times, kept.height, traversal.times, reach);
   locate(traversal, interpolate(kept.times, kept.latitude, traversal.times, reach),
          interpolate_longitude(kept.times, kept.longitude, traversal.times, reach));
 }

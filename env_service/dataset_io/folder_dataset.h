@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
@@ -62,6 +63,7 @@ class FolderDataset : public Dataset {
   void show_links(Traversal& traversal);
 
   std::shared_ptr<const StreetGraph> osm_;          ///< null: not read, or not there
+  std::map<std::string, std::vector<int>> shown_;   ///< frames_along_links() of osm_, by the recordings read since
   std::shared_ptr<const StreetCoverage> coverage_;  ///< null: not found yet
 };
 
@@ -74,18 +76,18 @@ std::unique_ptr<Dataset> open_folder(const Parameters& parameters, const std::st
 /// Gives the frames latitude and longitude (degrees, NaN where unknown), and positions from them.
 void locate(Traversal& traversal, std::vector<double> latitude, std::vector<double> longitude);
 
-/// Latitude and longitude in a GPS log, a row each; with its times where the log has them.
+/// Latitude and longitude in a GPS log, a row each; with its times, and heights (metres), where the log has them.
 struct GpsRows {
-  std::vector<double> latitude, longitude, times = {};
+  std::vector<double> latitude, longitude, times = {}, height = {};
   std::string log = {};  ///< the file or folder, for messages
 
-  void add(double time, double north, double east);
+  void add(double time, double north, double east, double up = std::numeric_limits<double>::quiet_NaN());
   /// Returns whether `time` is before the last row's.
   bool falls(double time) const { return !times.empty() && time < times.back(); }
 };
-/// Gives the frames latitude, longitude and positions at their times, up to `reach` seconds beyond the log, and none
-/// between rows of unknown place. Ignores fixes that no vehicle can have reached, as rows that were copied from another
-/// log, and says so in one warning.
+/// Gives the frames latitude, longitude, height and positions at their times, up to `reach` seconds beyond the log, and
+/// none between rows of unknown place. Ignores fixes that no vehicle can have reached, as rows that were copied from
+/// another log, and says so in one warning.
 void locate(Traversal& traversal, const GpsRows& rows, double reach);
 /// Reads "latitude, longitude" in degrees (further columns are skipped; the separator is a comma or blanks; a first row
 /// of words is a header). 0, 0 is not a fix. Throws Error naming the line where a field is not a number or out of

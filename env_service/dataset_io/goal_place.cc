@@ -4,13 +4,15 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
+#include <functional>
 #include <regex>
 #include <vector>
 
 #include "core/task/imperfections.h"
 #include "core/util/error.h"
+#include "core/util/text.h"
+#include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
 
 namespace citylearn {
@@ -20,19 +22,16 @@ constexpr double kWithin = 50;  // metres
 
 /// Returns the numbers between commas; none where there is something else.
 std::vector<double> numbers_of(const std::string& text) {
+  const std::vector<std::string_view> parts = split(text, ',');
   std::vector<double> numbers;
-  for (const char *at = text.data(), *const end = at + text.size();;) {
-    double number = 0;
-    const auto [stop, problem] = std::from_chars(at, end, number);
-    if (problem != std::errc() || !std::isfinite(number) || (stop != end && *stop != ',')) return {};
-    numbers.push_back(number);
-    if (stop == end) return numbers;
-    at = stop + 1;
-  }
+  for (std::size_t i = 0; i < parts.size(); ++i) numbers.push_back(field_number(parts, i));
+  if (!std::all_of(numbers.begin(), numbers.end(), [](double x) { return std::isfinite(x); })) numbers.clear();
+  return numbers;
 }
 
-/// Returns the frame nearest to a position.
-int frame_at(const Traversal& traversal, double latitude, double longitude, double within) {
+/// Returns the frame nearest to a position. `place_of` is the place of a frame, for messages.
+int frame_at(const Traversal& traversal, double latitude, double longitude, double within,
+             const std::function<int(int)>& place_of) {
   if (std::abs(latitude) > 90 || std::abs(longitude) > 180 || !(within > 0))
     throw Error("is not a latitude and a longitude in degrees, and metres around them");
   int nearest = -1;
@@ -46,8 +45,8 @@ int frame_at(const Traversal& traversal, double latitude, double longitude, doub
   if (nearest < 0)
     throw Error("latitudes and longitudes of '" + traversal.name + "' are not known", "", "name a place");
   if (least > within)
-    throw Error(fmt::format("no place is within {:g} m: the nearest, frame {} at {:.6f},{:.6f}, is {:.1f} m away",
-                            within, nearest, traversal.latitude[static_cast<std::size_t>(nearest)],
+    throw Error(fmt::format("no place is within {:g} m: the nearest, place {} at {:.6f},{:.6f}, is {:.1f} m away",
+                            within, place_of(nearest), traversal.latitude[static_cast<std::size_t>(nearest)],
                             traversal.longitude[static_cast<std::size_t>(nearest)], least));
   return nearest;
 }
@@ -75,7 +74,8 @@ Traversal with_goal(Traversal traversal, const std::string& goal) try {
     if (traversal.goal != numbers[0] || traversal.goal < 0 || traversal.goal >= places)
       throw Error(fmt::format("'{}' has the places 0..{}", traversal.name, places - 1));
   } else if (numbers.size() == 2 || numbers.size() == 3) {
-    traversal.goal = place_of(frame_at(traversal, numbers[0], numbers[1], numbers.size() == 3 ? numbers[2] : kWithin));
+    const double within = numbers.size() == 3 ? numbers[2] : kWithin;
+    traversal.goal = place_of(frame_at(traversal, numbers[0], numbers[1], within, place_of));
   } else {
     traversal.goal = place_of(frame_of(traversal, goal));
   }
@@ -87,8 +87,13 @@ Traversal with_goal(Traversal traversal, const std::string& goal) try {
   throw Error(error.what(), "--goal-place " + goal);
 }
 
+Traversal with_goals(Traversal traversal, int goals) {
+  if (goals > 1) traversal.name = name_in_world(traversal.name, "goals" + std::to_string(goals));
+  return traversal;
+}
+
 std::string without_goal(const std::string& name) {
-  static const std::regex kGoal("-goal\\d+(?=-|$)");
+  static const std::regex kGoal("-goals?\\d+(?=-|$)");
   return std::regex_replace(name, kGoal, "");
 }
 

@@ -92,6 +92,7 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     Receiver& receiver = receivers[kind + " " + talker];
     TrackPoint point{time, kUnknown, kUnknown};
     if (fix) point.latitude = degrees(fields, rmc ? 3 : 2), point.longitude = degrees(fields, rmc ? 5 : 4);
+    if (fix && !rmc) point.height = field_number(fields, 9);
     if (!std::isnan(point.latitude) && !std::isnan(point.longitude)) {
       ++receiver.fixes;
       const double satellites = field_number(fields, 7), hdop = field_number(fields, 8);

@@ -7,7 +7,9 @@
 #include <cmath>
 #include <numeric>
 #include <optional>
+#include <set>
 
+#include "core/util/text.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/alignment.h"
 #include "env_service/dataset_io/sight.h"
@@ -144,16 +146,33 @@ void walk_on_streets(Traversal& traversal, const Traversal& driven, std::optiona
         "--rule", "give --rule street, or leave it out");
   DriveStreets streets = streets_driven(driven, "traversal '" + driven.name + "'");
   spdlog::info("{}: {}", driven.name, streets.description().front());
+  const std::vector<std::string_view> names = split(driven.name, '+');
+  std::vector<std::string> counts;
+  for (std::size_t i = 0; i < driven.begins.size(); ++i) {
+    const auto first = streets.places.begin() + driven.begins[i];
+    const auto end = i + 1 < names.size() ? streets.places.begin() + driven.begins[i + 1] : streets.places.end();
+    counts.push_back(fmt::format("{} of {} of {}", end - first - std::count(first, end, -1), end - first, names[i]));
+  }
+  if (!counts.empty()) spdlog::info("{}: frames at places of these streets: {}", driven.name, joined(counts));
   show_along_links(traversal, std::make_shared<const StreetMap>(std::move(streets.map)), streets.shown);
 }
 
-}  // namespace
+/// Returns the recordings that a name joins, "monday+tuesday"; one where it is the name of one.
+std::vector<std::string> joined_by(Dataset& dataset, const std::string& name) {
+  if (name.find('+') == name.npos) return {name};
+  const std::vector<std::string> known = dataset.names();
+  if (std::find(known.begin(), known.end(), name) != known.end()) return {name};
+  std::vector<std::string> names;
+  for (const std::string_view part : split(name, '+')) names.emplace_back(part);
+  return names;
+}
 
-Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
-  check(selection);
+/// Returns the frames of one recording that are selected. `sibling` becomes those of the one that it is aligned to, at
+/// the same places, where streets will be made of them.
+Traversal recorded(Dataset& dataset, const std::string& name, const Selection& selection,
+                   std::optional<Traversal>& sibling) {
   Traversal traversal = dataset.load(name);
   std::vector<bool> unmatched;
-  std::optional<Traversal> sibling;
   std::vector<int> frames, places;  // places: the frames of the sibling
   if (selection.align.empty()) {
     frames = cut(traversal, selection);
@@ -174,11 +193,49 @@ Traversal select(Dataset& dataset, const std::string& name, const Selection& sel
   }
   if (frames != all) traversal.keep(frames);
   traversal.unmatched = std::move(unmatched);
-  if (dataset.on_streets() && !traversal.streets) {
-    if (sibling) sibling->keep(places);
-    walk_on_streets(traversal, sibling ? *sibling : traversal, dataset.rule());
-  }
+  if (sibling && dataset.on_streets() && !traversal.streets) sibling->keep(places);
   return traversal;
+}
+
+/// Throws Error unless these recordings can be joined, each aligned to the sibling of its number.
+void check_join(Dataset& dataset, const std::string& name, const std::vector<std::string>& names,
+                const std::vector<std::string>& siblings, const Selection& selection) {
+  const std::string where = "--traversal " + name;
+  if (!dataset.on_streets())
+    throw Error("joins recordings to streets", where, "add --rule street, or name one of them");
+  if (std::set(names.begin(), names.end()).size() < names.size())
+    throw Error("names a recording twice", where, "name each once");
+  if (siblings.size() != names.size())
+    throw Error(fmt::format("names {} of {} recordings", siblings.size(), names.size()), "--align-to",
+                "name one for each of --traversal, in the same order, with + between them");
+  if (selection.first > 0 || selection.end < Selection().end || std::isfinite(selection.from) ||
+      std::isfinite(selection.to))
+    throw Error("cuts one recording", "--frames or --metres", "leave it out, or name one with --traversal");
+}
+
+}  // namespace
+
+Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
+  check(selection);
+  const std::vector<std::string> names = joined_by(dataset, name);
+  std::vector<std::string> siblings(names.size());
+  if (!selection.align.empty()) siblings = joined_by(dataset, selection.align);
+  if (names.size() > 1 || siblings.size() > 1) check_join(dataset, name, names, siblings, selection);
+  std::optional<Traversal> traversal, driven;
+  const auto add = [](std::optional<Traversal>& all, Traversal& one) {
+    all ? all->join(one) : void(all = std::move(one));
+  };
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    Selection selected = selection;
+    selected.align = siblings[i];
+    std::optional<Traversal> sibling;
+    Traversal one = recorded(dataset, names[i], selected, sibling);
+    add(traversal, one);
+    if (sibling) add(driven, *sibling);
+  }
+  if (dataset.on_streets() && !traversal->streets)
+    walk_on_streets(*traversal, driven ? *driven : *traversal, dataset.rule());
+  return std::move(*traversal);
 }
 
 }  // namespace citylearn

@@ -46,6 +46,8 @@ std::vector<double> directions(const std::vector<double>& latitude, const std::v
 }  // namespace
 
 std::vector<int> frames_along_links(const Traversal& recording, const StreetGraph& graph) {
+  if (std::all_of(recording.latitude.begin(), recording.latitude.end(), [](double x) { return std::isnan(x); }))
+    return {};
   const std::vector<double> way = directions(recording.latitude, recording.longitude);
   Grid grid(kViewReach);
   for (std::size_t frame = 0; frame < way.size(); ++frame)
@@ -68,18 +70,16 @@ std::vector<int> frames_along_links(const Traversal& recording, const StreetGrap
   return frames;
 }
 
-StreetCoverage find_coverage(const StreetGraph& graph, const std::vector<std::string>& names,
-                             const std::function<Traversal(const std::string&)>& load) {
+StreetCoverage find_coverage(const StreetGraph& graph, const std::map<std::string, std::vector<int>>& shown_by) {
   StreetCoverage found;
   std::vector<bool> kept(graph.links(), true);
   std::string counts, unknown;
-  for (const std::string& name : names) {
-    const Traversal recording = load(name);
-    if (std::all_of(recording.latitude.begin(), recording.latitude.end(), [](double x) { return std::isnan(x); })) {
+  for (const auto& [name, frames] : shown_by) {
+    if (frames.empty()) {
       unknown += (unknown.empty() ? "; without positions: " : ", ") + name;
       continue;
     }
-    const std::vector<int>& frames = found.frames[name] = frames_along_links(recording, graph);
+    found.frames[name] = frames;
     for (std::size_t link = 0; link < kept.size(); ++link) kept[link] = kept[link] && frames[link] >= 0;
     counts += fmt::format("{}{} {}", counts.empty() ? "" : ", ", name,
                           frames.size() - std::count(frames.begin(), frames.end(), -1));

@@ -18,7 +18,32 @@
 namespace citylearn {
 namespace {
 
-constexpr double kReceiver = 5;  // metres by which receivers err
+constexpr double kReceiver = 5;   // metres by which receivers err
+constexpr double kOrigin = 0.01;  // metres
+
+/// Returns whether some place of each recording is known.
+bool known_of_each(const Traversal& recording, const std::vector<double>& places) {
+  if (places.empty()) return false;
+  std::vector<int> begins = recording.begins;
+  if (begins.empty()) begins.push_back(0);
+  begins.push_back(recording.frames);
+  for (std::size_t i = 0; i + 1 < begins.size(); ++i)
+    if (std::none_of(places.begin() + begins[i], places.begin() + begins[i + 1], [](double at) { return at == at; }))
+      return false;
+  return true;
+}
+
+/// Throws Error where a plane is not that of all recordings: odometry begins at 0, 0 wherever it is.
+void require_one_plane(const Traversal& recording, const std::string& where) {
+  const std::string remedy = "join recordings with latitude and longitude, or in one plane";
+  if (!known_of_each(recording, recording.x))
+    throw Error("one of them has no latitude and longitude, and one no places in a plane", where, remedy);
+  if (std::all_of(recording.begins.begin(), recording.begins.end(), [&](int frame) {
+        return std::hypot(recording.x[static_cast<std::size_t>(frame)], recording.y[static_cast<std::size_t>(frame)]) <
+               kOrigin;
+      }))
+    throw Error("each begins at 0, 0 of a plane of its own", where, remedy);
+}
 
 }  // namespace
 
@@ -74,10 +99,10 @@ void show_states(Traversal& traversal, const StreetGraph& graph, std::optional<S
 
 DriveStreets streets_driven(const Traversal& recording, const std::string& where) {
   Drive drive{recording.x, recording.y, recording.height, recording.positions};
-  const auto known = [](const std::vector<double>& numbers) {
-    return std::any_of(numbers.begin(), numbers.end(), [](double number) { return std::isfinite(number); });
-  };
-  if (!known(recording.x) && known(recording.latitude)) {
+  drive.begins = recording.begins;
+  const bool in_plane = known_of_each(recording, recording.x), on_earth = known_of_each(recording, recording.latitude);
+  if (recording.begins.size() > 1 && !on_earth) require_one_plane(recording, where);
+  if (on_earth && (!in_plane || recording.begins.size() > 1)) {
     // A sphere laid flat at the first known place is right enough where the drive meets itself.
     drive.receiver = kReceiver;
     drive.east = drive.north = recording.latitude;

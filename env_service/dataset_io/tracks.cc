@@ -63,6 +63,7 @@ void each_below(const XMLElement& parent, std::string_view name, const std::func
               "export it again");
 }
 
+double number_in(const XMLElement* element) { return element ? number(text_of(*element)) : kUnknown; }
 double time_in(const XMLElement* element) { return element ? read_moment(text_of(*element)).utc() : kUnknown; }
 
 /// GPX 1.0 and 1.1 (Topografix): points of tracks; waypoints and routes have not been driven.
@@ -73,7 +74,7 @@ Points read_gpx(const XMLElement& root) {
     each_below(segment, "trkpt", [&](const XMLElement& point) {
       const char *const latitude = point.Attribute("lat"), *const longitude = point.Attribute("lon");
       points.push_back({time_in(child(point, "time")), latitude ? number(latitude) : kUnknown,
-                        longitude ? number(longitude) : kUnknown, begins});
+                        longitude ? number(longitude) : kUnknown, begins, number_in(child(point, "ele"))});
       begins = false;
     });
   });
@@ -86,7 +87,9 @@ TrackPoint kml_point(double time, std::string_view text, char separator) {
   const std::size_t second = text.find(separator);
   if (second == text.npos) return {time, kUnknown, kUnknown};
   const std::string ends = std::string(" \t\r\n") + separator;
-  return {time, number(text.substr(second + 1), ends), number(text, ends)};
+  const std::size_t third = text.find(separator, second + 1);
+  return {time, number(text.substr(second + 1), ends), number(text, ends), false,
+          third == text.npos ? kUnknown : number(text.substr(third + 1), ends)};
 }
 
 /// KML 2.2 and 2.3 (OGC): tracks, whose coordinates follow all their times, and points with a time each. A LineString
@@ -122,7 +125,9 @@ double json_time(const json& value) {
 
 TrackPoint json_point(double time, const json& place) {
   const bool known = place.is_array() && place.size() >= 2 && place[0].is_number() && place[1].is_number();
-  return {time, known ? place[1].get<double>() : kUnknown, known ? place[0].get<double>() : kUnknown};
+  const bool high = known && place.size() >= 3 && place[2].is_number();
+  return {time, known ? place[1].get<double>() : kUnknown, known ? place[0].get<double>() : kUnknown, false,
+          high ? place[2].get<double>() : kUnknown};
 }
 
 /// Adds the times of lists in lists, in their order.
@@ -209,7 +214,7 @@ GpsRows rows_of(Points points, const std::string& path) {
                   path);
     if (begins && point.time - last > kMaxPause) rows.add((last + point.time) / 2, kUnknown, kUnknown);
     if (last == point.time) continue;  // the first of several at one time
-    rows.add(point.time, point.latitude, point.longitude);
+    rows.add(point.time, point.latitude, point.longitude, point.height);
     last = point.time;
     begins = false;
   }

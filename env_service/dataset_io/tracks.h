@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -11,9 +13,10 @@ namespace citylearn {
 
 /// A point of a receiver's track.
 struct TrackPoint {
-  double time = 0;                     ///< seconds since 1970 in UTC; NaN: not told
-  double latitude = 0, longitude = 0;  ///< degrees; NaN: no fix
-  bool begins = false;                 ///< the first of a segment: the receiver was off before
+  double time = 0;                                           ///< seconds since 1970 in UTC; NaN: not told
+  double latitude = 0, longitude = 0;                        ///< degrees; NaN: no fix
+  bool begins = false;                                       ///< the first of a segment: the receiver was off before
+  double height = std::numeric_limits<double>::quiet_NaN();  ///< metres; NaN: not told
 };
 
 /// Endings of the tracks that read_track() reads, in the order in which one is preferred.
@@ -30,11 +33,14 @@ GpsRows read_track(const std::string& path, double near);
 /// is none, or the file is not a film.
 GpsRows read_film_track(const std::string& path, std::string& kind);
 
-/// Returns when a film began, in seconds from its creation_time, which some telephones write at its end: 0, or minus
-/// its length. `rows` is a track on the clock of creation_time that tells places up to `reach` seconds beyond its ends.
-/// Where both would do, the film moves as the track does: at most 50 pictures and those 1/10 s later are compared.
-/// Logs that the end is taken, or that neither fits clearly better. `where` names the film in messages.
+/// Returns when a film began, in seconds from its creation_time, which some telephones write at its end: about 0, or
+/// minus its length. `rows` is a track on the clock of creation_time that tells places up to `reach` seconds beyond its
+/// ends. Where both would do, the film moves as the track does: at most 50 pictures and those 1/10 s later are
+/// compared. Up to 3 s of clock error are mended, to a picture, where speed changes: at most six stretches of 8 s are
+/// looked at. Logs that the end is taken, what is mended, or that neither fits clearly better. `where` names the film.
 double find_film_start(const Traversal& film, const GpsRows& rows, double reach, const std::string& where);
+/// Returns where on a track a film began that does not say it, where its motion fits there alone.
+std::optional<double> search_film_start(const Traversal& film, const GpsRows& rows, double reach);
 
 /// Reads the fixes of NMEA 0183: GGA, else RMC, of the receiver that has most of them in the best quality; days are
 /// those of RMC or ZDA, else of `near`. Sentences with a wrong checksum count in `broken`.

@@ -35,6 +35,7 @@ struct Traversal {
   StateRule rule = StateRule::kLine;         ///< which states there are, F
   int goal = -1;                             ///< place to which all tasks lead; -1: it is drawn
   std::string places_from;  ///< what tells where frames are, a file below the folder or "EXIF"; or empty
+  std::vector<int> begins;  ///< the first frame of each recording, where several were joined; or empty
 
   std::span<const float> feature(int frame) const {
     return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};
@@ -43,6 +44,9 @@ struct Traversal {
   std::shared_ptr<const StateMap> states() const;
   /// Keeps `kept`, in that order, of the frames; indices may repeat. Leaves images as they are.
   void keep(const std::vector<int>& kept);
+  /// Adds the frames of another recording behind these, and its name, "monday+tuesday". Throws Error where one has
+  /// pictures or features that the other lacks, where one is on streets, and where the names are too long.
+  void join(const Traversal& other);
   /// Returns the first 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and streets
   /// with their rule, without the name.
   std::uint64_t hash() const;

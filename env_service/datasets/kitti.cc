@@ -11,6 +11,7 @@
 #include "env_service/dataset_io/places.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
+#include "env_service/files/times.h"
 #include "env_service/geometry/geometry.h"
 
 namespace citylearn {
@@ -142,7 +143,8 @@ class Kitti : public FolderDataset {
       }
       const TextTable table(path, {' ', false});
       if (table.rows() != 1 || table.columns(0) < 2) throw Error("is not an OXTS packet of one line", path);
-      rows.add(packets[packet], table.number(0, 0), table.number(0, 1));
+      rows.add(packets[packet], table.number(0, 0), table.number(0, 1),
+               table.columns(0) > 2 ? table.number(0, 2) : kUnknown);
     }
     if (!missing.empty())
       spdlog::warn("{}: no such packet ({} of {} are missing); places are interpolated between the others",

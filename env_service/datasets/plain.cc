@@ -135,7 +135,7 @@ class Plain : public FolderDataset {
       const GpsRows chapter = read_film_track(film[i], kind);
       if (rows.log.empty()) rows.log = chapter.log;
       for (std::size_t row = 0; row < chapter.times.size(); ++row)
-        rows.add(begins[i] + chapter.times[row], chapter.latitude[row], chapter.longitude[row]);
+        rows.add(begins[i] + chapter.times[row], chapter.latitude[row], chapter.longitude[row], chapter.height[row]);
     }
     for (const std::string& file : files_of(traversal.name, {".srt"}))
       if (rows.times.empty() && is_called(file, traversal.name, film[0])) {
@@ -152,12 +152,13 @@ class Plain : public FolderDataset {
   void follow(Traversal& traversal, const std::string& track, double began) const {
     const std::string path = folder_ + "/" + track;
     GpsRows rows = read_track(path, std::isnan(began) ? 0 : began + traversal.times[0] + clock_offset_);
-    if (std::isnan(began) && clock_offset_ == 0)
+    const auto found = std::isnan(began) && clock_offset_ == 0 ? search_film_start(traversal, rows, kTrackReach) : 0;
+    if (!found)
       throw Error(
           "nothing says which time of it is that of the first frame of " + traversal.name, path,
           "give --plain-clock-offset, the seconds from its first point to second 0 of the frames (not 0: .001)");
-    const double zero =
-        (std::isnan(began) ? rows.times[0] : began) + clock_offset_;  // of the frames, on the track's clock
+    // Second 0 of the frames, on the track's clock.
+    const double zero = (!std::isnan(began) ? began : *found != 0 ? *found : rows.times[0]) + clock_offset_;
     for (double& time : rows.times) time -= zero;
     if (began > 0 && clock_offset_ == 0) {  // photographs' times are of the day itself
       const double start = find_film_start(traversal, rows, kTrackReach, traversal.name);

@@ -50,7 +50,7 @@ struct BagPicture {
 /// What one topic gives.
 struct BagTrack {
   std::vector<BagPicture> pictures;
-  std::vector<std::array<double, 3>> positions;  ///< time; x and y, or latitude and longitude
+  std::vector<std::array<double, 4>> positions;  ///< time; x and y, or latitude and longitude; height
   std::string frame;                             ///< in which positions are
   std::map<std::string, int> refused;            ///< messages by reason
 };
@@ -214,8 +214,8 @@ class Rosbag2 : public FolderDataset {
     if (position) {
       auto& positions = tracks[*position].positions;
       std::stable_sort(positions.begin(), positions.end(), [](auto& a, auto& b) { return a[0] < b[0]; });
-      GpsRows rows{{}, {}, {}, path + ": " + topics[*position].name};
-      for (const auto& [time, x, y] : positions) rows.add(time, x, y);
+      GpsRows rows{{}, {}, {}, {}, path + ": " + topics[*position].name};
+      for (const auto& [time, x, y, height] : positions) rows.add(time, x, y, height);
       traversal.places_from = topics[*position].name;
       place(traversal, rows, topics[*position].type == ros2_type_of<BagFix>().name);
     }
@@ -243,7 +243,7 @@ class Rosbag2 : public FolderDataset {
       if (fault.empty() && track.positions.empty()) track.frame = position.frame;
       if (fault.empty() && position.frame != track.frame)
         fault = "is in frame '" + position.frame + "', others in '" + track.frame + "'";
-      if (fault.empty()) track.positions.push_back({time, position.x, position.y});
+      if (fault.empty()) track.positions.push_back({time, position.x, position.y, position.height});
     });
     if (!fault.empty()) ++track.refused[fault];
   }

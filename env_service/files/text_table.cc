@@ -41,7 +41,8 @@ double field_number(const std::vector<std::string_view>& fields, std::size_t ind
   if (index >= fields.size()) return kUnknown;
   double value = 0;
   const char *const begin = fields[index].data(), *const end = begin + fields[index].size();
-  return begin != end && std::from_chars(begin, end, value).ptr == end ? value : kUnknown;
+  const auto [stop, problem] = std::from_chars(begin, end, value);
+  return begin != end && problem == std::errc() && stop == end ? value : kUnknown;
 }
 
 std::string printable(std::string_view field) {

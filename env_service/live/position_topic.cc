@@ -5,13 +5,13 @@
 #include <utility>
 
 #include "core/ros2/header.h"
-#include "core/util/wall_clock.h"
 #include "env_service/geometry/geometry.h"
 
 namespace citylearn {
-std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header) {
+
+std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header, const Ros2Clock& clock) {
   const std::uint64_t stamp = ros2_time(header);
-  return stamp > 0 ? stamp : nanoseconds_since_epoch();
+  return stamp > 0 ? stamp : clock.time();
 }
 
 double PositionTopic::metres_between(PositionSource source, const Position& a, const Position& b) {
@@ -20,7 +20,7 @@ double PositionTopic::metres_between(PositionSource source, const Position& a, c
 }
 
 PositionTopic::PositionTopic(Ros2Participant& ros, std::string topic, PositionSource source, Profile profile)
-    : topic_(std::move(topic)) {
+    : clock_(ros.clock()), topic_(std::move(topic)) {
   switch (source) {
     case PositionSource::kOdometry:
       odometry_ = ros.subscribe<nav_msgs::msg::dds_::Odometry_>(topic_, profile);
@@ -41,7 +41,7 @@ void PositionTopic::take(const std::function<void(const Position&)>& use) {
   const auto note = [&](const auto& message) {
     Position position = position_of(message);
     if (position.stamp == 0 && position.doubt.empty()) position.doubt = "has no stamp: the time of its arrival counts";
-    position.stamp = stamp_of(message.header());
+    position.stamp = stamp_of(message.header(), clock_);
     use(position);
   };
   for (nav_msgs::msg::dds_::Odometry_ message; odometry_ && odometry_->take(message);) note(message);

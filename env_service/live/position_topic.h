@@ -12,8 +12,8 @@
 
 namespace citylearn {
 
-/// Returns when a message was made, nanoseconds by its sender's clock; where it does not say, now.
-std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header);
+/// Returns when a message was made, nanoseconds by its sender's clock; where it does not say, what `clock` says.
+std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header, const Ros2Clock& clock);
 
 /// Hears positions on one topic: where a robot is, or where it is sent. Used by the participant's thread.
 class PositionTopic {
@@ -32,6 +32,7 @@ class PositionTopic {
   const std::string& name() const { return topic_; }
 
  private:
+  const Ros2Clock& clock_;
   const std::string topic_;
   std::optional<Ros2Subscription<nav_msgs::msg::dds_::Odometry_>> odometry_;
   std::optional<Ros2Subscription<geometry_msgs::msg::dds_::PoseStamped_>> pose_;

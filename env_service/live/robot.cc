@@ -11,7 +11,6 @@
 #include "core/ros2/header.h"
 #include "core/task/action.h"
 #include "core/util/error.h"
-#include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
@@ -86,7 +85,7 @@ Robot::~Robot() {
 
 void Robot::command(double speed) {
   speed_ = speed;
-  next_command_ = Clock::now() + kCommandInterval;
+  next_command_ = ros_.now() + kCommandInterval;
   Twist twist;
   twist.linear().x(speed);
   ros_.publish(options_.cmd_vel, twist);
@@ -99,22 +98,22 @@ double Robot::metres_between_places(int from, int to) const {
 }
 
 void Robot::drive(std::uint8_t action, int from, int to) {
-  const Clock::time_point now = Clock::now();
   Command step;
   step.data(action);
   ros_.publish(options_.command, step);
-  if (from == to) return begin_to_look(now, 0);
+  if (from == to) return begin_to_look(0);
   const double metres = metres_between_places(from, to);
   doing_ = Doing::kDriving;
-  until_ = now + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(metres / options_.speed));
+  until_ =
+      ros_.now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(metres / options_.speed));
   command(to > from ? options_.speed : -options_.speed);
-  due_ = std::min(until_, next_command_);
+  due_ = Clock::now();
 }
 
 void Robot::look() {
   const bool drove = speed_ != 0;
   command(0);
-  begin_to_look(Clock::now(), drove ? static_cast<std::uint64_t>(1e9 * options_.settle) : 0);
+  begin_to_look(drove ? static_cast<std::uint64_t>(1e9 * options_.settle) : 0);
 }
 
 void Robot::stop() {
@@ -123,23 +122,25 @@ void Robot::stop() {
 }
 
 /// Begins to wait for a picture and a position, each at least `settle` nanoseconds newer than the last one.
-void Robot::begin_to_look(Clock::time_point now, std::uint64_t settle) {
+void Robot::begin_to_look(std::uint64_t settle) {
   senses_.poll();
   doing_ = Doing::kLooking;
-  looking_ = due_ = now;
+  looking_ = ros_.now();
+  due_ = Clock::now();
   picture_after_ = senses_.picture() ? senses_.picture()->stamp + settle : 0;
   position_after_ = senses_.position() ? senses_.position()->stamp + settle : 0;
 }
 
 std::optional<Sighting> Robot::poll(Clock::time_point now) {
-  senses_.poll();
   for (const std::string& fault : ros_.poll()) {
     spdlog::error("{}", fault);
     if (goals_ && fault.starts_with("topic rt" + goals_->name() + ":")) refuse_goal("it is of another type");
   }
+  if (senses_.poll()) picture_after_ = position_after_ = 0;
   if (!status_.empty() && now >= next_status_) publish_status(status_);
-  if (doing_ == Doing::kDriving && now >= until_) look();
-  if (doing_ == Doing::kLooking && has_picture() && has_position()) {
+  const Clock::time_point ros_now = ros_.clock().at(now);
+  if (doing_ == Doing::kDriving && ros_now >= until_) look();
+  if (doing_ == Doing::kLooking && ros_.clock().known() && has_picture() && has_position()) {
     const auto [place, metres] = nearest_place(*senses_.position());
     if (metres <= max_away_) {
       off_route_ = 0;
@@ -148,9 +149,9 @@ std::optional<Sighting> Robot::poll(Clock::time_point now) {
     }
     if (off_route_ == 0) off_route_ = metres;  // an alarm that does not change with each message
   }
-  if (doing_ != Doing::kNothing && now >= next_command_) command(speed_);  // one may be lost
+  if (doing_ != Doing::kNothing && ros_now >= next_command_) command(speed_);  // one may be lost
   due_ = now + (doing_ == Doing::kNothing ? kIdleInterval : kPollInterval);
-  if (doing_ == Doing::kDriving) due_ = std::min({due_, until_, next_command_});
+  if (doing_ == Doing::kDriving && !ros_.clock().simulated()) due_ = std::min({due_, until_, next_command_});
   return std::nullopt;
 }
 
@@ -207,7 +208,7 @@ void Robot::take_goals(const std::function<std::string(int& place)>& send) {
 /// Returns the places of the route from one to another.
 Robot::PlanResponse Robot::plan(int from, int to) const {
   PlanResponse response;
-  response.plan().header(ros2_header(senses_.frame(), nanoseconds_since_epoch()));
+  response.plan().header(ros2_header(senses_.frame(), ros_.clock().time()));
   for (int place = from, step = to < from ? -1 : 1; place != to + step; place += step) {
     const auto index = static_cast<std::size_t>(place);
     if (!std::isfinite(x_[index]) || !std::isfinite(y_[index])) continue;
@@ -241,7 +242,8 @@ void Robot::publish_status(const std::string& status) {
 }
 
 std::string Robot::trouble(Clock::time_point now) const {
-  if (doing_ != Doing::kLooking || now < looking_ + kTroubleDelay) return "";
+  if (!ros_.clock().trouble().empty()) return "it waits for the time: " + ros_.clock().trouble();
+  if (doing_ != Doing::kLooking || ros_.clock().at(now) < looking_ + kTroubleDelay) return "";
   if (!has_picture()) return senses_.why_no_picture(false);
   if (!has_position()) return senses_.why_no_position(false);
   return fmt::format("it stands {:.0f} m from the nearest place that it was taught", off_route_);

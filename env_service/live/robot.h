@@ -54,7 +54,8 @@ class Robot {
   void publish_status_once(const std::string& status);
   /// Publishes what becomes of the goal, now and once a second.
   void publish_status(const std::string& status);
-  /// Returns what it has been waiting for, for more than three seconds: "nobody publishes /camera/image_raw"; else "".
+  /// Returns what it has been waiting for, for more than three seconds by its clock: "nobody publishes
+  /// /camera/image_raw"; else "".
   std::string trouble(Clock::time_point now) const;
   const RobotOptions& options() const { return options_; }
   const RobotSenses& senses() const { return senses_; }
@@ -65,7 +66,7 @@ class Robot {
   using PlanResponse = nav_msgs::srv::dds_::GetPlan_Response_;
 
   void command(double speed);
-  void begin_to_look(Clock::time_point now, std::uint64_t settle);
+  void begin_to_look(std::uint64_t settle);
   bool has_picture() const {
     return senses_.picture() && RobotSenses::follows(senses_.picture()->stamp, picture_after_);
   }
@@ -93,9 +94,10 @@ class Robot {
   std::string status_;
   Clock::time_point next_status_;
   Doing doing_ = Doing::kNothing;
-  double speed_ = 0;                                        // now, m/s
-  Clock::time_point until_, next_command_, looking_, due_;  // until_: of driving
-  std::uint64_t picture_after_ = 0, position_after_ = 0;    // stamps: what comes with later ones counts
+  double speed_ = 0;                                  // now, m/s
+  Clock::time_point until_, next_command_, looking_;  // by its clock; until_: of driving
+  Clock::time_point due_;
+  std::uint64_t picture_after_ = 0, position_after_ = 0;  // stamps: what comes with later ones counts
 };
 
 }  // namespace citylearn

@@ -55,7 +55,7 @@ std::string MessageFaults::text(bool counted) const {
 }
 
 RobotSenses::RobotSenses(Ros2Participant& ros, const RobotTopics& topics)
-    : topics_(named(topics)), picture_faults_(topics_.camera), position_faults_(topics_.position) {
+    : clock_(ros.clock()), topics_(named(topics)), picture_faults_(topics_.camera), position_faults_(topics_.position) {
   if (topics_.camera.ends_with("/compressed"))
     compressed_ = ros.subscribe<Compressed>(topics_.camera);
   else
@@ -63,10 +63,16 @@ RobotSenses::RobotSenses(Ros2Participant& ros, const RobotTopics& topics)
   if (!topics_.position.empty()) position_topic_.emplace(ros, topics_.position, topics_.source, Profile::kRos2);
 }
 
-void RobotSenses::poll() {
+bool RobotSenses::poll() {
+  const bool back = std::exchange(setbacks_, clock_.setbacks()) != clock_.setbacks();
+  if (back) {
+    picture_.reset();
+    position_.reset();
+  }
   while (compressed_ && compressed_->take(compressed_message_)) take_picture(compressed_message_);
   while (raw_ && raw_->take(raw_message_)) take_picture(raw_message_);
   if (position_topic_) position_topic_->take([this](const PositionTopic::Position& position) { take(position); });
+  return back;
 }
 
 void RobotSenses::take(const PositionTopic::Position& position) {
@@ -83,7 +89,7 @@ void RobotSenses::take(const PositionTopic::Position& position) {
 
 template <class Image>
 void RobotSenses::take_picture(const Image& image) {
-  Picture picture{stamp_of(image.header()), {}};
+  Picture picture{stamp_of(image.header(), clock_), {}};
   std::string fault = picture_ ? order_fault(picture.stamp, picture_->stamp) : "";
   if (fault.empty()) fault = read_picture(image, picture.file);
   const bool back = picture_ && picture.stamp < picture_->stamp;

@@ -53,8 +53,8 @@ class RobotSenses {
 
   /// Lets positions whose standard deviation is greater be refused.
   void limit_deviation(double metres) { max_deviation_ = metres; }
-  /// Takes what has come.
-  void poll();
+  /// Takes what has come. Returns whether the time was set back: what came before is forgotten.
+  bool poll();
   /// Returns whether what has this stamp was taken after what has the other one. One that is several seconds older is
   /// of a robot whose clock was set back.
   static bool follows(std::uint64_t stamp, std::uint64_t before);
@@ -80,6 +80,8 @@ class RobotSenses {
   template <class Image>
   void take_picture(const Image& image);
 
+  const Ros2Clock& clock_;
+  int setbacks_ = 0;  // of it
   const RobotTopics topics_;
   std::optional<Ros2Subscription<Compressed>> compressed_;
   std::optional<Ros2Subscription<Raw>> raw_;

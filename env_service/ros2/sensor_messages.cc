@@ -82,6 +82,7 @@ SensedPosition position_of(const sensor_msgs::msg::dds_::NavSatFix_& message) {
   const bool told = message.position_covariance_type() != 0;  // COVARIANCE_TYPE_UNKNOWN
   SensedPosition position = checked(message.header(), message.latitude(), message.longitude(),
                                     told ? known_variance(covariance[0], covariance[4]) : 0, true);
+  position.height = message.altitude();
   if (static_cast<std::int8_t>(message.status().status()) < 0) position.fault = "has no fix";  // STATUS_NO_FIX is -1
   return position;
 }

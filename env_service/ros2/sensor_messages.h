@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <string>
 
 #include "core/util/types.h"
@@ -29,6 +30,7 @@ struct SensedPosition {
   std::string frame = {};   ///< in which metres are, as "map"; may be empty
   std::string fault = {};   ///< why it is not a position: it "has no fix"; empty: it is one
   std::string doubt = {};   ///< what else is wrong with it: it "has no stamp"
+  double height = std::numeric_limits<double>::quiet_NaN();  ///< metres, of a fix
 };
 SensedPosition position_of(const nav_msgs::msg::dds_::Odometry_& message);
 SensedPosition position_of(const geometry_msgs::msg::dds_::PoseStamped_& message);

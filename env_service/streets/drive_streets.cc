@@ -21,10 +21,11 @@ namespace {
 
 constexpr std::size_t kMaxMeetings = 20;                         // that a description names
 constexpr double kMinReach = 1, kMaxReach = 8, kReachSteps = 4;  // metres, and usual steps of the drive
-constexpr int kNeighbours = 64;        // steps before and after one that may tell its direction
-constexpr double kMinStep = 0.25;      // of the usual one: a vehicle that gets on less stands
-constexpr double kMaxSteps = 10;       // usual steps: over a longer gap the way is not known, so that nothing meets it
-constexpr double kHeights = 4;         // metres: what is farther above or below is on a bridge
+constexpr int kNeighbours = 64;    // steps before and after one that may tell its direction
+constexpr double kMinStep = 0.25;  // of the usual one: a vehicle that gets on less stands
+constexpr double kMaxSteps = 10;   // usual steps: over a longer gap the way is not known, so that nothing meets it
+constexpr double kHeights = 4;     // metres: what is farther above or below is on a bridge
+constexpr double kReceiverHeights = 10;
 constexpr double kBend = 4;            // times the reach
 constexpr double kStay = 1.5;          // times the reach, within which a drive stays where it is on its earlier way
 const double kAlong = std::sqrt(0.5);  // cosine of directions that are one
@@ -36,7 +37,7 @@ double cross(PlaneVector a, PlaneVector b) { return (std::conj(a) * b).imag(); }
 
 class DriveReader {
  public:
-  DriveReader(const Drive& drive, const std::string& where) : where_(where) {
+  DriveReader(const Drive& drive, const std::string& where) : where_(where), receiver_(drive.receiver > 0) {
     streets_.frames = static_cast<int>(drive.east.size());
     streets_.places.assign(drive.east.size(), -1);
     choose_steps(drive);
@@ -53,7 +54,7 @@ class DriveReader {
  private:
   /// A frame where the vehicle got on.
   struct Step {
-    int frame;
+    int frame, drive;
     PlaneVector at;
     double height, along;        ///< metres; the height may be unknown
     PlaneVector direction = {};  ///< of length 1
@@ -66,6 +67,9 @@ class DriveReader {
   Step& step(int index) { return steps_[static_cast<std::size_t>(index)]; }
   int count() const { return static_cast<int>(steps_.size()); }
   double metres(int a, int b) { return std::abs(step(a).at - step(b).at); }
+  bool one_drive(int a, int b) { return step(a).drive == step(b).drive; }
+  /// Returns how far a drive has gone since an earlier step, which may be another drive's.
+  double back(int now, int then) { return one_drive(now, then) ? step(now).along - step(then).along : INFINITY; }
   int place(int index) {
     while (step(index).crossing >= 0) index = step(index).crossing;
     return index;
@@ -76,21 +80,28 @@ class DriveReader {
   double gap(int index) {
     double most = 0;
     for (const int other : {std::max(index - 1, 0), std::min(index + 1, count() - 1)})
-      if (metres(index, other) <= kMaxSteps * usual_) most = std::max(most, metres(index, other));
+      if (one_drive(index, other) && metres(index, other) <= kMaxSteps * usual_)
+        most = std::max(most, metres(index, other));
     return most;
   }
-  bool one_height(int a, int b) { return !(std::abs(step(a).height - step(b).height) > kHeights); }
+  bool one_height(int a, int b, bool crosses) {
+    const double apart = std::abs(step(a).height - step(b).height);
+    return receiver_ ? !(crosses && one_drive(a, b) && apart > kReceiverHeights) : !(apart > kHeights);
+  }
 
   void choose_steps(const Drive& drive) {
     std::vector<double> moves;
-    for (std::size_t i = 0; i < drive.east.size(); ++i) {
+    for (std::size_t i = 0, next = 0; i < drive.east.size(); ++i) {
+      while (next < drive.begins.size() && drive.begins[next] <= static_cast<int>(i)) ++next;
       if (!std::isfinite(drive.east[i] + drive.north[i] + drive.along[i])) {
         ++streets_.unknown;
         continue;
       }
-      const double moved = steps_.empty() ? 0 : drive.along[i] - steps_.back().along;
+      const bool first = steps_.empty() || steps_.back().drive != static_cast<int>(next);
+      const double moved = first ? 0 : drive.along[i] - steps_.back().along;
       if (moved > 0) moves.push_back(moved);
       steps_.push_back({static_cast<int>(i),
+                        static_cast<int>(next),
                         {drive.east[i], drive.north[i]},
                         drive.height.empty() ? 0 : drive.height[i],
                         drive.along[i]});
@@ -102,7 +113,8 @@ class DriveReader {
     streets_.reach = std::max(drive.receiver, std::clamp(kReachSteps * usual_, kMinReach, kMaxReach));
     const double least = kMinStep * usual_;
     std::erase_if(steps_, [&, last = std::optional<Step>()](const Step& one) mutable {
-      if (last && (one.along - last->along < least || std::abs(one.at - last->at) < least)) return true;
+      if (last && last->drive == one.drive && (one.along - last->along < least || std::abs(one.at - last->at) < least))
+        return true;
       last = one;
       return false;
     });
@@ -112,8 +124,12 @@ class DriveReader {
   void find_directions() {
     for (int i = 0; i < count(); ++i) {
       int before = i, after = i;
-      while (before > std::max(i - kNeighbours, 0) && metres(before, i) < streets_.reach / 4) --before;
-      while (after + 1 < std::min(i + kNeighbours, count()) && metres(after, i) < streets_.reach / 4) ++after;
+      const auto goes_on = [&](int from, int to) {
+        return to >= 0 && to < count() && one_drive(i, to) && std::abs(to - i) <= kNeighbours &&
+               metres(from, i) < streets_.reach / 4;
+      };
+      while (goes_on(before, before - 1)) --before;
+      while (goes_on(after, after + 1)) ++after;
       const PlaneVector way = step(after).at - step(before).at;
       step(i).direction = way == PlaneVector() ? PlaneVector(0, 1) : way / std::abs(way);
     }
@@ -129,20 +145,21 @@ class DriveReader {
     for (int i = 0; i < count(); ++i) {
       Step& now = step(i);
       grid.near(now.point(), near);
-      const double reach = streets_.reach * (i > 0 && step(i - 1).merged >= 0 ? kStay : 1);
+      const bool goes_on = i > 0 && one_drive(i, i - 1);
+      const double reach = streets_.reach * (goes_on && step(i - 1).merged >= 0 ? kStay : 1);
       double least = side;
       for (const auto& [other, metres] : near) {
         const Step& earlier = step(other);
-        const double cosine = dot(now.direction, earlier.direction), back = now.along - earlier.along;
+        const double cosine = dot(now.direction, earlier.direction);
         const PlaneVector away = now.at - earlier.at;
-        if (std::abs(cosine) < kAlong || back <= (cosine > 0 ? kBend : 1) * streets_.reach || !one_height(i, other) ||
-            std::abs(cross(earlier.direction, away)) > reach ||
+        if (std::abs(cosine) < kAlong || back(i, other) <= (cosine > 0 ? kBend : 1) * streets_.reach ||
+            !one_height(i, other, false) || std::abs(cross(earlier.direction, away)) > reach ||
             std::abs(dot(earlier.direction, away)) > std::max(gap(other), usual_) || metres >= least)
           continue;
         least = metres;
         now.merged = other;
       }
-      if (i > 0) cross_earlier(i, near);
+      if (goes_on) cross_earlier(i, near);
       if (now.merged < 0) grid.add(now.point(), i);
     }
   }
@@ -151,8 +168,8 @@ class DriveReader {
   void cross_earlier(int i, const std::vector<Grid::Near>& near) {
     const PlaneVector from = step(i - 1).at, way = step(i).at - from;
     for (const auto& [other, away] : near) {
-      if (other + 1 >= i || step(other + 1).merged >= 0 ||
-          step(i).along - step(other + 1).along <= kBend * streets_.reach)
+      if (other + 1 >= i || !one_drive(other, other + 1) || step(other + 1).merged >= 0 ||
+          back(i, other + 1) <= kBend * streets_.reach)
         continue;
       const PlaneVector start = step(other).at, earlier = step(other + 1).at - start;
       const double across = cross(way, earlier);
@@ -162,9 +179,10 @@ class DriveReader {
       const double share = cross(start - from, earlier) / across, there = cross(start - from, way) / across;
       if (share < 0 || share > 1 || there < 0 || there > 1) continue;
       const int then = there < 0.5 ? other : other + 1;
-      if (std::min(std::abs(on(i - 1) - then), std::abs(on(i) - then)) <= 1) continue;  // it is on that way
+      const auto on_it = [&](int at) { return one_drive(at, then) && std::abs(at - then) <= 1; };
+      if (on_it(on(i - 1)) || on_it(on(i))) continue;
       for (const int now : {share < 0.5 ? i - 1 : i, share < 0.5 ? i : i - 1})
-        if (then < now && step(now).merged < 0 && step(now).crossing < 0 && one_height(now, then)) {
+        if (then < now && step(now).merged < 0 && step(now).crossing < 0 && one_height(now, then, true)) {
           step(now).crossing = then;
           break;
         }
@@ -175,6 +193,7 @@ class DriveReader {
     for (int i = 0, before = -1, first = 0; i < count(); before = step(i++).merged) {
       const int other = std::max(step(i).merged, step(i).crossing);
       if (other < 0) continue;
+      if (before >= 0 && !(one_drive(i, i - 1) && one_drive(other, before))) before = -1;
       const int passed = std::abs(other - before);
       if (step(i).merged < 0 || before < 0 || (passed > 3 && passed * usual_ > 2 * streets_.reach)) {
         first = i;
@@ -194,9 +213,13 @@ class DriveReader {
     std::map<std::pair<int, int>, int> links;  // the places at their ends, and the step that shows them
     for (int i = 1, at = 0, seen = 0; i < count(); ++i) {
       const int to = on(i), way = to > at ? 1 : -1;
+      if (!one_drive(i, i - 1)) {
+        at = to;
+        seen = i;
+      }
       if (to == at || (step(i).merged >= 0 && dot(step(to).at - step(at).at, step(i).direction) <= 0)) continue;
       // A drive with longer steps passes places of the earlier way, which it is on all the same.
-      bool along = std::abs(step(to).along - step(at).along) <= kStay * metres(to, at) + usual_;
+      bool along = one_drive(to, at) && std::abs(step(to).along - step(at).along) <= kStay * metres(to, at) + usual_;
       for (int between = at; along && between != to; between += way) along = step(between + way).merged < 0;
       for (int next; at != to; at = next) {
         next = along ? at + way : to;
@@ -233,6 +256,7 @@ class DriveReader {
   }
 
   const std::string where_;
+  const bool receiver_;
   double usual_ = 0;  // metres between steps
   std::vector<Step> steps_;
   DriveStreets streets_;
@@ -241,23 +265,13 @@ class DriveReader {
 }  // namespace
 
 std::vector<std::string> DriveStreets::description() const {
-  std::vector<std::set<std::uint32_t>> neighbours(map.places());
-  std::set<std::pair<std::uint32_t, std::uint32_t>> ends;
-  for (std::size_t link = 0; link < map.links(); ++link) {
-    neighbours[map.from[link]].insert(map.to[link]);
-    neighbours[map.to[link]].insert(map.from[link]);
-    ends.emplace(map.from[link], map.to[link]);
-  }
-  const auto with = [&](auto&& test) { return std::count_if(neighbours.begin(), neighbours.end(), test); };
-  const auto one_way = std::count_if(ends.begin(), ends.end(), [&](auto& link) {
-    return !ends.contains({link.second, link.first});
-  });
+  std::vector<std::pair<int, int>> links;
+  for (std::size_t link = 0; link < map.links(); ++link)
+    links.emplace_back(static_cast<int>(map.from[link]), static_cast<int>(map.to[link]));
   std::vector<std::string> lines{
-      fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}; frames left out: {}, of "
-                  "which {} are at places that cannot be reached from the others, or not left for them, and {} at "
-                  "unknown places",
-                  map.places(), map.links(), with([](auto& others) { return others.size() > 2; }),
-                  with([](auto& others) { return others.size() == 1; }), one_way,
+      fmt::format("{}; frames left out: {}, of which {} are at places that cannot be reached from the others, or not "
+                  "left for them, and {} at unknown places",
+                  count_streets(map.places(), links),
                   frames - static_cast<int>(std::set<int>(shown.begin(), shown.end()).size()), apart, unknown)};
   for (std::size_t i = 0; i < std::min(meetings.size(), kMaxMeetings); ++i) {
     const DriveMeeting& one = meetings[i];

@@ -250,16 +250,35 @@ std::vector<bool> largest_strong_part(std::size_t places, const std::vector<std:
   return strong;
 }
 
-std::vector<bool> StreetGraph::strong_places(const std::function<bool(int line)>& use) const {
+std::string count_streets(std::size_t places, const std::vector<std::pair<int, int>>& links) {
+  std::vector<std::set<int>> beside(places);
+  const std::set<std::pair<int, int>> known(links.begin(), links.end());
+  const auto both_ways = [&](int from, int to) { return known.contains({from, to}) && known.contains({to, from}); };
+  for (const auto& [from, to] : links) {
+    beside[static_cast<std::size_t>(from)].insert(to);
+    beside[static_cast<std::size_t>(to)].insert(from);
+  }
+  int junctions = 0, dead_ends = 0, one_way = 0;
+  for (std::size_t place = 0; place < places; ++place) {
+    junctions += beside[place].size() > 2;
+    dead_ends += beside[place].size() == 1 && both_ways(static_cast<int>(place), *beside[place].begin());
+  }
+  for (const auto& [from, to] : links) one_way += !both_ways(from, to);
+  return fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}", places, links.size(),
+                     junctions, dead_ends, one_way);
+}
+
+std::vector<std::pair<int, int>> StreetGraph::ends(const std::function<bool(int line)>& use) const {
   std::vector<std::pair<int, int>> ends;
   for (std::size_t from = 0; from < places_.size(); ++from)
     for (const StreetLink& link : places_[from].links)
       if (use(link.line)) ends.emplace_back(static_cast<int>(from), link.to);
-  return largest_strong_part(places_.size(), ends);
+  return ends;
 }
 
 StreetGraph StreetGraph::strong_part(std::vector<bool>& kept) const {
-  const std::vector<bool> strong = strong_places([&](int line) { return kept[static_cast<std::size_t>(line)]; });
+  const std::vector<bool> strong =
+      largest_strong_part(places_.size(), ends([&](int line) { return kept[static_cast<std::size_t>(line)]; }));
   StreetGraph part;
   part.where_ = where_;
   part.about_ = about_;
@@ -283,36 +302,28 @@ StreetGraph StreetGraph::strong_part(std::vector<bool>& kept) const {
 }
 
 std::vector<std::string> StreetGraph::description() const {
-  std::size_t junctions = 0, dead_ends = 0, one_way = 0;
   Finding opposed, shared, apart;
   std::map<std::pair<long, long>, int> spots;  // places, by 1e-7 degrees, a centimetre
   const auto spot = [](const StreetPlace& place) {
     return std::pair(std::lround(place.latitude * 1e7), std::lround(place.longitude * 1e7));
   };
-  for (std::size_t from = 0; from < places_.size(); ++from) {
-    const StreetPlace& place = places_[from];
+  for (const StreetPlace& place : places_) {
     ++spots[spot(place)];
-    junctions += place.links.size() > 2;
     for (const StreetLink& link : place.links) {
       const StreetPlace& end = places_[static_cast<std::size_t>(link.to)];
-      const bool two_way = std::any_of(end.links.begin(), end.links.end(),
-                                       [&](const StreetLink& back) { return back.to == static_cast<int>(from); });
-      one_way += !two_way;
-      dead_ends += two_way && place.links.size() == 1;
       if (link.metres < kOneSpot) continue;
       const double off =
           turned(heading_between(place.latitude, place.longitude, end.latitude, end.longitude) - link.heading);
       if (std::min(off, 360 - off) > kOpposed) opposed.add(position_of(link));
     }
   }
-  const std::vector<bool> strong = strong_places([](int) { return true; });
+  const std::vector<std::pair<int, int>> links = ends([](int) { return true; });
+  const std::vector<bool> strong = largest_strong_part(places_.size(), links);
   for (std::size_t place = 0; place < places_.size(); ++place) {
     if (!strong[place]) apart.add(places_[place].id);
     if (spots[spot(places_[place])] > 1) shared.add(places_[place].id);
   }
-  std::vector<std::string> lines{
-      fmt::format("streets: places {}, links {}, junctions {}, dead ends {}, one-way links {}", places_.size(), links_,
-                  junctions, dead_ends, one_way)};
+  std::vector<std::string> lines{count_streets(places_.size(), links)};
   if (!about_.empty()) lines.insert(lines.begin(), about_);
   const auto say = [&](const Finding& finding, const char* what, const char* remedy) {
     if (finding.count > 0)

@@ -33,6 +33,9 @@ struct StreetStep {
 
 /// Returns which of so many places are in the largest part in which each can be reached from each other one.
 std::vector<bool> largest_strong_part(std::size_t places, const std::vector<std::pair<int, int>>& links);
+/// Returns a line for a person that counts them: places, links, junctions, which are places beside more than two others
+/// in whichever direction, dead ends, which are beside one, there and back, and links without one the other way.
+std::string count_streets(std::size_t places, const std::vector<std::pair<int, int>>& links);
 
 /// Places and the directed links between them, as a map of streets has them.
 class StreetGraph {
@@ -84,8 +87,8 @@ class StreetGraph {
   /// These return what is wrong, and add nothing then; an empty text when nothing is.
   std::string add(StreetPlace place);
   std::string add_link(int from, int to, int line, const double* heading);
-  /// Returns which places are in the largest strong component, by way of links whose line `use` takes.
-  std::vector<bool> strong_places(const std::function<bool(int line)>& use) const;
+  /// Returns the places at both ends of the links whose line `use` takes.
+  std::vector<std::pair<int, int>> ends(const std::function<bool(int line)>& use) const;
   std::string position_of(const StreetLink& link) const { return where_ + ":" + std::to_string(link.line); }
 
   std::vector<StreetPlace> places_;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/task/goal_chain.h"
 #include "core/task/spl.h"
 
 namespace citylearn {
@@ -163,16 +164,21 @@ void TrajectoryQueue::follow(const std::string& actor, const msg::Trajectory& tr
     if (trajectory.first()[t]) {
       episode.known = true;
       episode.start = static_cast<int>(trajectory.position()[t]);
-      episode.goal = static_cast<int>(trajectory.goal()[t]);
+      episode.goals.clear();
       episode.steps = 0;
       episode.reward = 0;
     }
+    if (const auto goal = static_cast<int>(trajectory.goal()[t]); episode.goals.empty() || episode.goals.back() != goal)
+      episode.goals.push_back(goal);
     ++episode.steps;
     episode.reward += trajectory.reward()[t];
     if (trajectory.ended()[t] == Rollout::kGoesOn || !std::exchange(episode.known, false)) continue;
     const bool arrived = trajectory.ended()[t] == Rollout::kTerminated;
-    finished_.push_back({static_cast<int>(t) + 1, static_cast<int>(trajectory.agent()), episode.reward,
-                         spl_of(arrived, fields_.to(episode.goal)(episode.start), episode.steps), episode.steps});
+    finished_.push_back(
+        {static_cast<int>(t) + 1, static_cast<int>(trajectory.agent()), episode.reward,
+         spl_of(arrived, arrived ? fewest_steps(*shape_.map, fields_, 0, episode.start, episode.goals) : 0,
+                episode.steps),
+         episode.steps});
   }
 }
 

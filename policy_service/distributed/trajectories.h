@@ -79,7 +79,8 @@ class TrajectoryQueue {
     msg::SettingsId settings;
     std::uint64_t next_step = 0;
     bool known = false;  ///< seen from its first observation on
-    int start = 0, goal = 0, steps = 0;
+    int start = 0, steps = 0;
+    std::vector<int> goals = {};
     double reward = 0;
   };
 

@@ -37,6 +37,10 @@ bool serves_features(const std::map<std::string, std::unique_ptr<EnvHandle>>& en
   });
 }
 
+std::string unconfirmed(const EnvHandle& env) {
+  return "does not confirm its settings" + (env.failure.empty() ? "" : ": " + env.failure);
+}
+
 /// Notes which settings an env_service obeys by its message.
 void note_settings(EnvHandle& env, const msg::SettingsId& settings, std::uint64_t own_incarnation) {
   env.obeys = settings.version() == 0 ? 0 : settings.incarnation();
@@ -133,6 +137,7 @@ void EnvClient::on_status(const msg::ServiceStatus& status) {
   node_.check_twin(status);
   if (EnvHandle* env = known(status.header())) {
     env->busy = status.service_state() == msg::RUNNING;
+    env->failure = status.service_state() == msg::FAILED ? status.activity().c_str() : "";
     if (status.service_state() == msg::STOPPING) env->presence.leave();
   }
   services_.on_status(status);
@@ -298,7 +303,7 @@ std::string EnvClient::trouble_of(const EnvHandle& env) const {
   if (env.settings.task_mode() != msg::IDLE && !answers_requests(env) &&
       (env.in_force() ? !env.settings.by_reference() : now - env.commanded > kAlarmDelay))
     return "waits: encoder_service '" + env.info.encoder_service().to_string() + "', which encodes for it, is silent";
-  return env.settings_sender.unconfirmed_for(now) > kAlarmDelay ? "does not confirm its settings" : "";
+  return env.settings_sender.unconfirmed_for(now) > kAlarmDelay ? unconfirmed(env) : "";
 }
 
 /// Keeps an alarm for each env_service that has trouble.
@@ -345,7 +350,7 @@ void EnvClient::send_due_settings() {
     const bool lacks_features = env->features && !env->features->complete();
     if (lacks_features || !answers_requests(*env) || env->lost()) sender.hold(now);
     if (sender.unconfirmed_for(now) > options_.patience)
-      refuse(*env, "does not confirm its settings");
+      refuse(*env, unconfirmed(*env));
     else if (!lacks_features && sender.take_due(now))
       node_.publish(env->settings);
   }

@@ -39,6 +39,7 @@ struct EnvHandle {
   std::uint64_t acknowledged = 0;   ///< the last episode acknowledged; all before it are too
   bool episodes_missing = false;    ///< one did not arrive, though a later one did
   bool busy = false;                ///< the env_service reports that it receives actions
+  std::string failure;              ///< what it reports where it fails, as which settings it refused; or empty
   std::string refusal;              ///< why it is not used; empty: it is
   bool until_restart = false;       ///< it stays refused whatever it announces
   int invalid = 0;                  ///< invalid observations since the last valid one

@@ -29,8 +29,7 @@ ExportedAgent read_exported_agent(const ExportOptions& options) {
   TrainedAgent& agent = exported.agent = trained_agent(checkpoint);
   const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
   const auto& given = checkpoint.header.at("network");
-  exported.parameters =
-      Parameters("network " + agent.name, entry.parameters, given.get<std::map<std::string, double>>());
+  exported.parameters = Parameters("network " + agent.name, entry.parameters, agent.network_parameters);
   exported.metadata = {{"agent", agent.name},
                        {"frames", std::to_string(agent.task.frames)},
                        {"first_frame", std::to_string(agent.first_frame)},

@@ -178,6 +178,7 @@ TrainedAgent unbuilt_agent(const Checkpoint& checkpoint) {
     agent.places = agent.task.goals = header.at("task").value("places", 0);
     agent.task.reference = checkpoint.tensors.at("reference");
     agent.network_parameters = header.at("network").get<std::map<std::string, double>>();
+    if (agent.name == "place_filter") agent.network_parameters.emplace("slips-limit-tempering", 0);  // it was so before
     agent.parameters = checkpoint.tensors.at("learner.parameters").reshaped();
     if (const auto data = header.find("data"); data != header.end())
       agent.data = TrainingData::parse(data->dump(), "checkpoint");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/plugin/registry.h"
@@ -28,7 +29,9 @@ class Motion {
             {"kidnap", "probability, a step, of being carried anywhere", 0, 0, 1}};
   }
 
-  Motion(double slip, double kidnap) : slip_(static_cast<S>(slip)), kidnap_(static_cast<S>(kidnap)) {}
+  /// `slips_limit_tempering`: see later().
+  Motion(double slip, double kidnap, bool slips_limit_tempering = true)
+      : slip_(static_cast<S>(slip)), kidnap_(static_cast<S>(kidnap)), slips_limit_tempering_(slips_limit_tempering) {}
 
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
@@ -38,10 +41,14 @@ class Motion {
   }
   S slip() const { return slip_; }
   S kidnap() const { return kidnap_; }
-  /// Returns t, by which evidence is tempered, one step later: steps since the episode's start where nobody is
-  /// kidnapped. Else it stays below 1 / sqrt(k), because what was seen before a kidnapping says nothing of the place
-  /// after it.
-  S later(S t) const { return (t + 1) * (kidnap_ > S(kLeastKidnap) ? 1 - std::sqrt(kidnap_) : S(1)); }
+  bool slips_limit_tempering() const { return slips_limit_tempering_; }
+  /// Returns t, by which evidence is tempered, one step later: steps since the episode's start in a perfect world. Else
+  /// it stays below 1 / p and 1 / sqrt(k), because what was seen before a slip says less of the place after it, and
+  /// what was seen before a kidnapping nothing.
+  S later(S t) const {
+    const S by_kidnap = kidnap_ > S(kLeastKidnap) ? std::sqrt(kidnap_) : S(0);
+    return (t + 1) * (1 - (slips_limit_tempering_ ? std::max(slip_, by_kidnap) : by_kidnap));
+  }
 
   /// to = A from, with `nothing` at the place that nothing moves to.
   template <class From, class To>
@@ -91,6 +98,7 @@ class Motion {
   }
 
   S slip_, kidnap_;
+  bool slips_limit_tempering_;
   Vector<S> once_, twice_, odds_, moved_;
 };
 

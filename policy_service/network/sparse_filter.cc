@@ -34,8 +34,8 @@ void spread(const Motion<S>& motion, const StateMap& map, std::uint8_t action, i
   visit(twice >= 0 ? twice : once, motion.slip() / 2);
 }
 
-enum { kElsewhere, kSteps, kDoubt, kCount, kFirstPlace };  // of a state
-constexpr float kNothing = -1e5f;                          // score of what is impossible
+enum { kElsewhere, kSteps, kDoubt, kGoal, kCount, kFirstPlace };  // of a state
+constexpr float kNothing = -1e5f;                                 // score of what is impossible
 
 }  // namespace
 
@@ -43,7 +43,7 @@ template <class S>
 void SparseBelief<S>::store(Eigen::Ref<Vector<S>> state) const {
   const auto count = static_cast<std::ptrdiff_t>(places.size());
   state.setZero();
-  state.template head<kFirstPlace>() << elsewhere, steps, doubt, static_cast<S>(count);
+  state.template head<kFirstPlace>() << elsewhere, steps, doubt, static_cast<S>(goal + 1), static_cast<S>(count);
   for (std::ptrdiff_t i = 0; i < count; ++i) {
     state(kFirstPlace + i) = static_cast<S>(places[static_cast<std::size_t>(i)]);
     state(kFirstPlace + kMaxActive + i) = shares[static_cast<std::size_t>(i)];
@@ -56,6 +56,7 @@ void SparseBelief<S>::load(const Eigen::Ref<const Vector<S>>& state, int frames)
   elsewhere = within(state(kElsewhere), 1);
   steps = within(state(kSteps), S(1e9));
   doubt = within(state(kDoubt), S(1e9));
+  goal = static_cast<int>(within(state(kGoal), static_cast<S>(frames))) - 1;
   places.clear();
   shares.clear();
   const int count = static_cast<int>(within(state(kCount), kMaxActive));
@@ -141,13 +142,35 @@ void SparseFilter<S>::move(SparseStep<S>& step, int frames, bool everywhere) {
   step.even = ((1 - kidnap) * elsewhere + kidnap) / static_cast<S>(frames);
   step.after.steps = kept < 1 ? S(0) : motion_.later(step.before->steps);
   step.after.doubt = step.first ? S(0) : step.before->doubt;
+  step.after.goal = step.goal;
   array_of(step.prior) += step.even;
+  if (step.arrived()) arrive(step);
   if (!everywhere) return;
   moved_.setConstant(frames, step.even);
   for (std::size_t i = 0; i < step.places.size(); ++i) moved_(step.places[i]) = step.prior[i];
   step.prior.assign(moved_.begin(), moved_.end());
   step.places.resize(static_cast<std::size_t>(frames));
   std::iota(step.places.begin(), step.places.end(), 0);
+}
+
+/// Excludes all but the goal that the agent has reached. What was believed tells the heading with which it came.
+template <class S>
+void SparseFilter<S>::arrive(SparseStep<S>& step) {
+  std::vector<int> goal{step.before->goal};
+  if (!map_->line()) goal = map_->places_around(std::min(goal.front(), map_->places() - 1), goal_radius_);
+  const auto at_goal = [&](int state) { return std::find(goal.begin(), goal.end(), map_->place(state)) != goal.end(); };
+  bool believed = false;
+  for (std::size_t i = 0; i < step.places.size(); ++i) {
+    if (!at_goal(step.places[i])) step.prior[i] = 0;
+    believed = believed || step.prior[i] > 0;
+  }
+  step.even = step.after.doubt = 0;
+  if (believed) return;
+  step.places.clear();
+  for (int state = 0; state < map_->states(); ++state)
+    if (at_goal(state)) step.places.push_back(state);
+  step.prior.assign(step.places.size(), 1);
+  step.after.steps = 0;
 }
 
 /// Excludes where the agent cannot be, as exclude() does. On streets these are the states of the goal, and those where

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "core/task/goal_chain.h"
 #include "core/task/spl.h"
 #include "policy_service/network/feature_normaliser.h"
 #include "policy_service/rollout/network_policy.h"
@@ -44,7 +45,8 @@ void fill_noise(Random& random, Eigen::Ref<Vector<float>> out) {
 
 struct Collector::Impl {
   struct Agent {
-    int start = 0, goal = 0, shortest = 0, steps = 0;
+    int start = 0, steps = 0;
+    std::vector<int> goals;  // of its episode, up to the present one
     double reward = 0;
     std::uint64_t episode = 0;  // of this agent in this generation
     float strength = 0;         // of the episode's noise
@@ -134,7 +136,7 @@ struct Collector::Impl {
   void end_action(EnvState& env, const msg::Observation& observation, const Vector<float>& parameters);
   float final_value(EnvState& env, const Vector<float>& parameters, std::ptrdiff_t agent, std::uint8_t action,
                     int position, std::uint32_t frame, std::uint8_t allowed,
-                    const Eigen::Ref<const Vector<float>>& features);
+                    const Eigen::Ref<const Vector<float>>& features, bool reached);
   void begin_episode(EnvState& env, std::size_t agent);
   void augment_features(const EnvState& env, std::ptrdiff_t agent, std::uint32_t frame,
                         Eigen::Ref<Vector<float>> features);
@@ -231,6 +233,8 @@ bool Collector::act(int environment, const msg::Observation& observation, const 
   if (env.step > 0) p.end_action(env, observation, parameters);  // an observation that does not fit changes nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (env.seen.first[agent]) p.begin_episode(env, agent);
+    std::vector<int>& goals = env.agent[agent].goals;
+    if (goals.empty() || goals.back() != env.seen.goal[agent]) goals.push_back(env.seen.goal[agent]);
     const auto column = static_cast<std::ptrdiff_t>(agent);
     p.augment_features(env, column, observation.frame()[agent], env.seen.features_of(column));
   }
@@ -291,24 +295,27 @@ void Collector::Impl::end_action(EnvState& env, const msg::Observation& observat
       rollout.final_value[row + index] =
           final_value(env, parameters, static_cast<std::ptrdiff_t>(index), rollout.action[row + index],
                       static_cast<int>(observation.position()[index]) - options.first_frame, observation.frame()[index],
-                      observation.allowed()[index], features);
+                      observation.allowed()[index], features, reward > 0);
     }
     if (!terminated && !truncated) continue;
-    const double spl = spl_of(terminated, agent.shortest, agent.steps);
+    const double shortest = terminated ? fewest_steps(*map, fields, task.goal_radius, agent.start, agent.goals) : 0;
+    const double spl = spl_of(terminated, shortest, agent.steps);
     env.finished.push_back({env.tick, static_cast<int>(index), agent.reward, spl, agent.steps});
   }
 }
 
 float Collector::Impl::final_value(EnvState& env, const Vector<float>& parameters, std::ptrdiff_t agent,
                                    std::uint8_t action, int position, std::uint32_t frame, std::uint8_t allowed,
-                                   const Eigen::Ref<const Vector<float>>& features) {
+                                   const Eigen::Ref<const Vector<float>>& features, bool reached) {
   NetworkInputs<float>& inputs = env.single.inputs;
   inputs.resize(task.features, 1, 1);
   inputs.frames = frames;
   inputs.see(0, NetworkInputs<float>::own(task, frame), features);
   inputs.position[0] = position;
   inputs.allowed[0] = allowed;
-  inputs.goal[0] = env.agent[static_cast<std::size_t>(agent)].goal;
+  // An agent that used its last step to reach a goal would have got another one: any, as that of the next episode.
+  const auto index = static_cast<std::size_t>(agent);
+  inputs.goal[0] = reached ? env.seen.goal[index] : env.agent[index].goals.back();
   inputs.previous_action[0] = action;
   inputs.first[0] = 0;
   normalise(env, inputs.features.leftCols(1));
@@ -322,8 +329,7 @@ float Collector::Impl::final_value(EnvState& env, const Vector<float>& parameter
 void Collector::Impl::begin_episode(EnvState& env, std::size_t index) {
   Agent& agent = env.agent[index];
   agent.start = env.seen.position[index];
-  agent.goal = env.seen.goal[index];
-  agent.shortest = fields.to(agent.goal)(agent.start);
+  agent.goals.clear();
   agent.steps = 0;
   agent.reward = 0;
   ++agent.episode;

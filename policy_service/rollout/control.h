@@ -2,8 +2,11 @@
 #pragma once
 
 #include <memory>
+#include <span>
+#include <vector>
 
 #include "core/plugin/registry.h"
+#include "core/task/goal_chain.h"
 #include "policy_service/network/network_inputs.h"
 #include "policy_service/rollout/policy.h"
 
@@ -23,6 +26,22 @@ struct ControlTask {
 
 /// Policies that learn nothing: the references for every result of a learned agent.
 using ControlRegistry = Registry<Policy, const ControlTask&>;
+
+/// The goals of one agent's episodes on streets, for controls that know those to come.
+struct KnownGoals {
+  std::vector<int> goals;  ///< of the episode
+  DistanceField way;       ///< through those that are left
+
+  /// Takes in an observation that begins an episode or has another goal than the one before.
+  void follow(const ControlTask& task, DistanceFields& fields, const msg::Observation& seen, std::size_t agent) {
+    const int goal = static_cast<int>(seen.goal()[agent]);
+    const std::size_t left = 1u + seen.flags()[agent] / kLaterGoal;
+    if (seen.flags()[agent] & msg::FLAG_FIRST)
+      goals = draw_goals(*task.streets, fields, static_cast<int>(seen.position()[agent]), goal, static_cast<int>(left));
+    way = left > 1 && left <= goals.size() ? way_through(*task.streets, task.goal_radius, std::span(goals).last(left))
+                                           : fields.to(goal);
+  }
+};
 
 /// Returns `action` if it is allowed on a line, else the opposite direction (on a route of 2 or more frames one of them
 /// is).

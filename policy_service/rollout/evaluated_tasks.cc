@@ -4,6 +4,7 @@
 namespace citylearn {
 
 void EvaluatedTasks::begin(std::uint32_t first_task, const SeenFeatures& known) {
+  numbered_ = true;
   first_task_ = first_task;
   known_ = known;
   agents_.clear();
@@ -18,8 +19,11 @@ void EvaluatedTasks::follow(const msg::Observation& observation) {
   for (std::size_t a = 0; a < count; ++a) {
     Agent& agent = agents_[a];
     if (observation.flags()[a] & msg::FLAG_IDLE) continue;
-    if (agent.begun == 0 || observation.flags()[a] & msg::FLAG_FIRST)
+    if (agent.begun == 0 || observation.flags()[a] & msg::FLAG_FIRST) {
+      if (agent.begun > 0 && !numbered_)
+        if (const auto ended = seen_.extract(agent.task)) known_.add(ended.mapped());
       agent.task = first_task_ + static_cast<std::uint32_t>(a + count * agent.begun++);
+    }
     const std::size_t column = agent.task % kColumns, batch = taken[column]++;
     if (batch == batches_.size()) batches_.emplace_back().fill(kNobody);
     batches_[batch][column] = static_cast<int>(a);

@@ -12,7 +12,8 @@
 namespace citylearn {
 
 /// Tracks which tasks the agents of one env_service perform, for a Policy. Ensures that what an agent does depends on
-/// its task alone and not on the agents beside it. Used by one thread.
+/// its task alone and not on the agents beside it. Without begin() nobody numbers the tasks: then what was seen in
+/// those that have ended, by any agent, is known to the later ones. Used by one thread.
 class EvaluatedTasks {
  public:
   /// Agents are computed together in matrices of so many columns. A task always has the same column, because the place
@@ -36,6 +37,8 @@ class EvaluatedTasks {
   std::uint32_t task(int agent) const { return agents_[static_cast<std::size_t>(agent)].task; }
   /// Takes in what an agent sees, D numbers, and normalises it by what was seen in its task and in earlier ones.
   void normalise(const FeatureNormaliser& normaliser, int agent, Eigen::Ref<Vector<float>> features);
+  /// Returns what the last normalise() normalised by.
+  const SeenFeatures& total() const { return total_; }
   /// Returns what Policy::seen() says.
   const std::map<std::uint32_t, SeenFeatures>& seen() const { return seen_; }
 
@@ -45,6 +48,7 @@ class EvaluatedTasks {
     std::uint32_t begun = 0;  // tasks
   };
 
+  bool numbered_ = false;  // by begin()
   std::uint32_t first_task_ = 0;
   SeenFeatures known_, total_;
   std::vector<Agent> agents_;

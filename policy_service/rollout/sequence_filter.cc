@@ -33,12 +33,13 @@ namespace {
 /// forward where TurnGuard says so.
 class SequenceFilter : public Policy {
  public:
-  SequenceFilter(const ControlTask& task, const Parameters& parameters)
+  SequenceFilter(const ControlTask& task, const Parameters& parameters, bool knows_goals)
       : task_{task.first_frame, task.frames, {}, task.sparse_from, task.streets, task.goal_radius},
         evidence_(parameters["evidence"]),
         tempering_(parameters["tempering"]),
         turning_(parameters["turning"]),
         motion_(parameters["slip"], parameters["kidnap"]),
+        knows_goals_(knows_goals),
         sparse_(task.streets || task.frames >= task.sparse_from),
         normaliser_(task.reference) {
     if (task.reference.size() == 0)
@@ -49,7 +50,7 @@ class SequenceFilter : public Policy {
     dimension_ = task.reference.rows();
     if (!sparse_) return;
     sparse_filter_.emplace(
-        *keys_, Motion<float>(parameters["slip"], parameters["kidnap"]), task.streets,
+        *keys_, Motion<float>(parameters["slip"], parameters["kidnap"]), task.streets, task.goal_radius,
         task.streets ? static_cast<std::size_t>(task.frames) : std::size_t{SparseBelief<float>::kMaxActive});
     if (task.streets) {
       fields_.emplace(*task.streets, task.goal_radius);
@@ -97,10 +98,11 @@ class SequenceFilter : public Policy {
   struct Agent {
     Vector<double> belief;  ///< N; empty where it is sparse
     double steps = 0;       ///< of its episode, as Motion counts them
+    int goal = 0;
     SparseBelief<float> sparse = {};
     // On streets:
     std::unordered_set<std::uint32_t> frames = {};  ///< seen in its episode
-    DistanceField distance = {};                    ///< to its goal
+    KnownGoals known = {};                          ///< beyond the present one by knows_goals_ alone
     int turns = 0;                                  ///< in a row
   };
 
@@ -128,7 +130,7 @@ class SequenceFilter : public Policy {
       step.action = observation.previous_action()[index];
       step.allowed = observation.allowed()[index];
       step.first = observation.flags()[index] & msg::FLAG_FIRST;
-      if (fields_) note_view(agents_[index], observation.frame()[index], step);
+      if (fields_) note_view(observation, index, step);
     });
     sparse_filter_->advance(seen_, task_.frames, static_cast<float>(evidence_), static_cast<float>(tempering_),
                             std::span(steps_).first(count));
@@ -148,18 +150,22 @@ class SequenceFilter : public Policy {
     });
   }
 
-  void note_view(Agent& agent, std::uint32_t frame, SparseStep<float>& step) {
-    if (step.first) {
-      agent.frames.clear();
-      agent.distance = fields_->to(step.goal);
+  void note_view(const msg::Observation& observation, std::size_t index, SparseStep<float>& step) {
+    Agent& agent = agents_[index];
+    if (step.first) agent.frames.clear();
+    if (step.first || step.arrived()) {
+      if (knows_goals_)
+        agent.known.follow(task_, *fields_, observation, index);
+      else
+        agent.known.way = fields_->to(step.goal);
     }
     agent.turns = TurnGuard::after(agent.turns, step.action);
-    step.repeated = !agent.frames.insert(frame).second;
+    step.repeated = !agent.frames.insert(observation.frame()[index]).second;
   }
 
   std::uint8_t vote(const SparseStep<float>& step, const Agent& agent) const {
     if (guard_->must_go(agent.turns, step.allowed)) return kForward;
-    const auto share = votes(step, agent.distance, *task_.streets);
+    const auto share = votes(step, agent.known.way, *task_.streets);
     std::uint8_t best = kNoAction;
     for (const std::uint8_t action : kStreetActions)
       if (step.allowed >> action & 1 && (best == kNoAction || share[action] > share[best])) best = action;
@@ -173,11 +179,16 @@ class SequenceFilter : public Policy {
     if (observation.flags()[index] & msg::FLAG_FIRST) {
       agent.belief.setZero();
       agent.steps = 0;
+    } else if (agent.goal != goal) {  // it is there
+      agent.belief.setConstant(-kExclusion);
+      agent.belief(agent.goal) = 0;
+      agent.steps = motion_.later(agent.steps);
     } else {
       before_ = agent.belief;
       motion_.move_scores(previous, before_, agent.belief, kNever);
       agent.steps = motion_.later(agent.steps);
     }
+    agent.goal = goal;
     agent.belief += evidence_ / (1 + tempering_ * agent.steps) * similarity_.col(column).cast<double>();
     exclude(goal, task_.frames, allowed, kExclusion, agent.belief);
     odds_ = (agent.belief.array() - agent.belief.maxCoeff()).exp();
@@ -197,7 +208,8 @@ class SequenceFilter : public Policy {
   std::ptrdiff_t dimension_ = 0;  ///< D
   double evidence_, tempering_, turning_;
   Motion<double> motion_;
-  bool sparse_;  ///< beliefs are
+  bool knows_goals_;  ///< on streets those to come
+  bool sparse_;       ///< beliefs are
   FeatureNormaliser normaliser_;
   Vector<double> weights_;  ///< N, of places at distances from 1 on to the goal
   std::optional<PlaceKeys<float>> keys_;
@@ -214,8 +226,9 @@ class SequenceFilter : public Policy {
   Vector<float> said_ = Vector<float>::Zero(place_filter::kInputs);
 };
 
+template <bool kKnowsGoals>
 std::unique_ptr<Policy> make(const Parameters& parameters, const ControlTask& task) {
-  return std::make_unique<SequenceFilter>(task, parameters);
+  return std::make_unique<SequenceFilter>(task, parameters, kKnowsGoals);
 }
 
 std::vector<ParameterSpec> filter_parameters() {
@@ -232,14 +245,15 @@ const ControlRegistry::Registration sequence_filter_registration({
     "sequence_filter",
     "Bayes filter over the training traversal's places, nothing learned, then the heavier side",
     filter_parameters(),
-    make,
+    make<false>,
 });
 
 const ControlRegistry::Registration oracle_filter_registration({
     "oracle_filter",
-    "cheats: sequence_filter that knows the features of the traversal itself; the bound of what filters can do",
+    "cheats: sequence_filter that knows the features of the traversal itself and, on streets, goals to come; the bound "
+    "of what filters can do",
     filter_parameters(),
-    make,
+    make<true>,
 });
 
 }  // namespace

@@ -35,8 +35,9 @@ def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
 class ActingPolicy:
     """Acts by a policy of load_policy(), with memory of the agents' episodes, as a function that evaluate() takes:
     acting(observations, starts) returns actions (B,) for VectorEnv's observations; starts, bool (B,), says which agents
-    begin an episode. `seed` decides the actions drawn. `envs`: the environment that it acts in, whose streets it walks; on
-    a line it may be left out."""
+    begin an episode. What was seen in earlier episodes normalises features in later ones, so take a new one for another
+    traversal. `seed` decides the actions drawn. `envs`: the environment that it acts in, whose streets it walks; on a line
+    it may be left out."""
 
     def __init__(self, policy: _native.Agent | _native.ExportedPolicy, seed: int = 1, envs: Any = None):
         if not isinstance(policy, (_native.Agent, _native.ExportedPolicy)):
@@ -59,15 +60,18 @@ class ActingPolicy:
     def belief(self) -> dict[str, np.ndarray] | None:
         """Returns where the agents believed to stand when they acted last: `places` (B, 8), the likeliest first, with
         their `probabilities`, `entropy` (B,) of the whole belief in bits, `lost` (B,), the probability that an agent is not
-        within one place of its likeliest one, and `says_lost`, bool (B,): that is above .7, or the agent was sure of
-        another place a step ago, where this was asked then. On streets places are states, and it says that it is lost by
-        `lost` alone. None of a policy that has no belief, and of an exported one."""
+        within one place of its likeliest one, and `says_lost`, bool (B,): that is above .7, or the likeliest place leapt
+        just now, and the agent had been sure of where it was before, if this was asked at each step. On streets places
+        are states, and it says that it is lost by `lost` alone. None of a policy that has no belief, and of an exported
+        one."""
         if self._believed != self._steps and (columns := self._acting.belief(self._first_frame)):
             belief = dict(zip(("places", "probabilities", "entropy", "lost"), columns))
             goes_on = self._believed == self._steps - 1 and not self._streets and self._belief
-            before, lost = (self._belief["places"][:, 0], self._belief["lost"]) if goes_on else (belief["places"][:, 0], 1)
-            belief["says_lost"] = _native.says_lost(before, np.where(self._starts, 1, lost), belief["places"][:, 0],
-                                                    belief["lost"], _native.MAX_LOST)
+            now, lost = belief["places"][:, 0], belief["lost"]
+            before, least = (self._belief["places"][:, 0], self._least) if goes_on else (now, 1)
+            least = np.where(self._starts, 1, least)
+            belief["says_lost"] = _native.says_lost(least, before, now, lost, _native.MAX_LOST)
+            self._least = _native.least_lost(least, before, now, lost)
             self._belief, self._believed = belief, self._steps
         return self._belief
 

@@ -17,7 +17,7 @@ STAY, NEXT, PREVIOUS = 0, 1, 2
 LEFT, FORWARD, RIGHT = 0, 1, 2  # on streets
 _MOST_SERVICES = 4096
 _WAIT = 255  # at the start of an episode: nothing of the agent changes
-_TERMINATED, _TRUNCATED = 2, 4
+_TERMINATED, _TRUNCATED, _LATER_GOAL = 2, 4, 16
 
 _RENDERING = {"render_modes": ["rgb_array"], "render_fps": 4}
 
@@ -30,6 +30,7 @@ class VectorEnv(VectorEnvBase):
     An agent stands at one of the route's N places and is to reach another. It stays (0), goes on (1) or back (2). A
     step that leads nearer to the goal than any before costs nothing, any other 1 / max_steps. Reaching the goal is
     worth 1 and terminates the episode; max_steps steps truncate it. An action that leads off the route counts as 0.
+    With goals=3 each of three goals is worth 1; the next replaces it in the observation, the last ends the episode.
 
     Where the traversal has a map of streets, it stands at a place and faces a heading: one of N states. It turns left
     (0), goes forward (1) or turns right (2), and is to reach a place in whatever state. What it cannot do counts as the
@@ -41,9 +42,9 @@ class VectorEnv(VectorEnvBase):
       previous_action  int64 (B,)      0..2, or 3 at the start of an episode
       action_mask      int8 (B, 3)     1 where the action stays on the route
     Infos: `position` int64 (B,), the place or state stood at, on streets `heading` float32 (B,), degrees clockwise from
-    north, and `spl` float64 (B,) where an episode ended, success weighted by path length; each with its mask
-    `_position`, `_heading`, `_spl`. The same seed gives the same observations in process and over
-    DDS, whatever the middleware.
+    north, with several goals `later_goals` int64 (B,), how many follow the present one, and `spl` float64 (B,) where an
+    episode ended, success weighted by path length; each with its mask `_position`, `_heading`, `_later_goals`, `_spl`.
+    The same seed gives the same observations in process and over DDS, whatever the middleware.
     """
 
     @none_is_default
@@ -59,7 +60,7 @@ class VectorEnv(VectorEnvBase):
         num_envs: agents x services, for gymnasium.make_vec; alone it makes so many services of one agent.
         frames: the route, a number of frames from the first on or "FIRST:END"; the first 128 by default.
           Streets are walked as a whole.
-        max_steps: step limit of an episode; 0: as many as the route has places.
+        max_steps: step limit of an episode, for each of its goals; 0: as many as the route has places.
         max_detour: likewise in multiples of its fewest steps; 0: none. By default 3 on streets, 0 on a line.
         shuffle: show the frames in a random order, another one in each episode; the place where an episode begins
           keeps its frame of the last episode, which ended there.
@@ -103,7 +104,9 @@ class VectorEnv(VectorEnvBase):
             raise ValueError(f"num_envs is {num_envs}, but {services} services have {self.num_envs} agents")
         self._rows = np.arange(self.num_envs)
         self._service = np.repeat(np.arange(services), self._envs.service_agents)  # of each agent
-        self._steps, self._shortest = np.zeros((2, self.num_envs), np.int64)
+        self._steps, self._start = np.zeros((2, self.num_envs), np.int64)
+        self._goals: list[list[int]] = [[] for _ in range(self.num_envs)]  # of each agent's episode, so far
+        self._courier = False  # tasks have several goals
         self._ended = np.zeros(self.num_envs, bool)
         self._ready = False  # agents have been reset
         self._sent: np.ndarray | None = None  # the actions under way
@@ -135,8 +138,8 @@ class VectorEnv(VectorEnvBase):
         self._ready = False
         observation, position, _, _ = self._unpack(self._envs.reset(
             self._route, [one if new else None for one, new in zip(seeds, anew)]))
-        self._steps[begins] = 0
-        self._note_shortest(begins, observation["goal"], position)
+        self._begin(begins, position)
+        self._courier |= bool((self._flags >= _LATER_GOAL).any())
         self._ended &= ~mask
         for name, values in self._final.items() if self._ended.any() else ():
             observation[name] = np.where(self._ended, values, observation[name])
@@ -226,7 +229,7 @@ class VectorEnv(VectorEnvBase):
         """Returns observation, position, reward and flags, and keeps what the next step needs."""
         features, goal, previous_action, mask, position, reward, flags, self._frame = columns
         # Copies, because callers may write into theirs.
-        self._goal, self._mask = goal.copy(), mask.copy()
+        self._goal, self._mask, self._flags = goal.copy(), mask.copy(), flags
         return {"features": features, "goal": goal, "previous_action": previous_action,
                 "action_mask": mask}, position, reward, flags
 
@@ -237,14 +240,18 @@ class VectorEnv(VectorEnvBase):
         ended = terminated | truncated
         self._ended = ended & (self.autoreset_mode != AutoresetMode.SAME_STEP)  # and do not yet begin the next
         self._steps += chosen != _WAIT
+        for agent in np.flatnonzero((self._goal != goal_before) & ~ended):
+            self._goals[agent].append(int(self._goal[agent]))
         infos = self._infos(position, np.ones(self.num_envs, bool))
         if ended.any():
             self._final = {"goal": np.where(ended, goal_before, observation["goal"]),
                            "previous_action": np.where(ended, chosen, observation["previous_action"])}
             final = {**observation, **{name: values.copy() for name, values in self._final.items()}}
-            spl = np.where(terminated, self._shortest / np.maximum(self._steps, self._shortest), 0.0)
-            self._steps[ended] = 0
-            self._note_shortest(ended, observation["goal"], position)
+            spl = np.zeros(self.num_envs)
+            for agent in np.flatnonzero(terminated):
+                shortest = self._envs.fewest_steps(self._start[agent], self._goals[agent])
+                spl[agent] = shortest / max(self._steps[agent], shortest)
+            self._begin(ended, position)
             if self.autoreset_mode == AutoresetMode.SAME_STEP:
                 infos["final_obs"] = np.full(self.num_envs, None, object)
                 for agent in np.flatnonzero(ended):
@@ -258,16 +265,20 @@ class VectorEnv(VectorEnvBase):
         self._shown = self._painter and (self._frame, position.copy(), observation["goal"].copy())
         return observation, rewards, terminated, truncated, infos
 
-    def _note_shortest(self, begins: np.ndarray, goal: np.ndarray, position: np.ndarray) -> None:
-        """Notes the fewest steps of the agents that begin an episode."""
-        position, goal = position[begins], goal[begins]
-        self._shortest[begins] = (self._envs.fewest_steps(position, goal) if len(self._places)
-                                  else np.abs(goal - position))
+    def _begin(self, begins: np.ndarray, position: np.ndarray) -> None:
+        """Notes what the agents that begin an episode have done so far."""
+        self._steps[begins] = 0
+        self._start[begins] = position[begins]
+        for agent in np.flatnonzero(begins):
+            self._goals[agent] = [int(self._goal[agent])]
 
     def _infos(self, position: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
         infos = {"position": np.where(mask, position, 0), "_position": mask.copy()}
         if len(self._places):
             infos |= {"heading": np.where(mask, self._headings[position], 0), "_heading": mask.copy()}
+        if self._courier:
+            infos |= {"later_goals": np.where(mask, self._flags // _LATER_GOAL, 0).astype(np.int64),
+                      "_later_goals": mask.copy()}
         return infos
 
     def _seeds(self, seed: Any) -> list[int | None]:

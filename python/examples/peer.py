@@ -31,13 +31,13 @@ with Peer("python", session=options.session, domain=options.domain) as peer:
     heard, resend, acknowledged = time.monotonic(), 0, 0
     while not ended or len(spl) < options.tasks:
         now = time.monotonic()
-        if now > heard + 10 or any(one.header.sender == env and one.header.incarnation != incarnation for one in infos()):
-            sys.exit(f"{env} was started again, or has not answered for 10 s: its log says why")
         if step == 0 and now > resend + 0.1:
             command.write(environment=env, settings=settings, task_mode=Mode.EVALUATE, frames=options.frames, seed=1,
                           max_steps=options.frames, tasks=options.tasks, policy="shortest_path", by_reference=True)
             resend = now
         if now > acknowledged + 0.1:  # more often than need be, so that its end is noticed soon
+            if now > heard + 10 or any(one.header.sender == env and one.header.incarnation != incarnation for one in infos()):
+                sys.exit(f"{env} was started again, or has not answered for 10 s: its log says why")
             acknowledge.write(writer=env, writer_incarnation=incarnation, number=recorded, state=ReaderState.READS)
             acknowledged = now
         peer.wait(0.05)

@@ -2,7 +2,7 @@
 """Runs the script of a client of clients.toml with that client's packages: run.py SOURCE BUILD CLIENT
 
 Its virtual environment stays in the build folder, or in the one that $CITYLEARN_CLIENTS names. The test is skipped (77) where
-Python has no venv or the package registry is out of reach."""
+Python has no venv, cargo is missing, or the package registry is out of reach."""
 
 import fcntl
 import os
@@ -54,10 +54,22 @@ def python_of(name):
     return folder / "bin/python"
 
 
+def built(crate):
+    """Builds a program in Rust, whose source is in the folder of that name. Returns it."""
+    folder = Path(os.environ.get("CITYLEARN_CLIENTS", BUILD / "clients")) / crate
+    done = subprocess.run(["sh", SOURCE / "tests/support/cargo.sh", HERE / crate, folder], check=False)
+    if done.returncode:
+        sys.exit(done.returncode)
+    return folder / "target/release" / f"{crate}_peer"
+
+
 def row_of(name):
     """Returns the client's row in the table of the documentation."""
     client = CLIENTS["clients"][name]
     versions = dict(package.split("==") for package in CLIENTS["environments"][client["environment"]]["packages"])
+    if "crate" in client:
+        crates = tomllib.loads((HERE / client["crate"] / "Cargo.toml").read_text())["dependencies"]
+        versions[name] = crates[name]["version"].lstrip("=")
     return f"| {', '.join(f'{each} {versions[each]}' for each in client.get('packages', [name]))} | {client['uses']} |"
 
 
@@ -68,6 +80,8 @@ def main(name):
     python = python_of(client["environment"])
     path = ":".join(map(str, (BUILD / "python", SOURCE / "tests/python", SOURCE / "tests/support", HERE)))
     environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}  # threads that wait disturb others
+    if "crate" in client:
+        environment["PEER"] = str(built(client["crate"]))
     for script in client["scripts"]:
         done = subprocess.run([python, "-B", HERE / script, SOURCE, BUILD], env=environment, check=False)
         if done.returncode:

@@ -4,6 +4,7 @@ those of this test, and trainings are short."""
 
 import ast
 import json
+import random
 import re
 import time
 import unittest
@@ -188,6 +189,29 @@ class Recipes(CommandLine):
                                 "--evaluate", "winter", "--tasks", "50", "--no-dashboard", "--output", "out")
         self.assertIn("sequence_filter finds its way in winter", said)
         self.assertLess(self.results("out")["winter"]["spl"], 1)
+
+    def test_drives_that_meet(self):
+        self.hosts["DIR"] = self.folder / "TOWN"
+        self.hosts["DIR"].mkdir()
+        draw = random.Random(1)
+        for day in "monday", "tuesday":  # 100 m there and, 4 m beside, back: to the east, and across to the north
+            way = [(10 * i - 53, 0) for i in range(11)] + [(41 - 10 * i, 4) for i in range(10)]
+            views = [[draw.gauss(0, 1) for _ in range(16)] for _ in way]
+            for season in "", "-night":
+                rows = [",".join(f"{x + draw.gauss(0, 0.2 * bool(season)):.4f}" for x in view) for view in views]
+                places = [f"{b / 111195},{a / 111195}" if day == "monday" else f"{a / 111195},{b / 111195}" for a, b in way]
+                for ending, lines in (".csv", rows), (".poses.csv", ["lat,lon", *places]):
+                    (self.hosts["DIR"] / (day + season + ending)).write_text("\n".join(lines) + "\n")
+        demo, = self.take("walk-on-streets", "./run demo --data DIR --rule street")
+        self.run_command(*demo, "--agent", "sequence_filter", "--mode", "evaluate", "--slip", "0", "--tasks", "100",
+                         "--no-dashboard", "--output", "out")
+        results = self.results("out")
+        self.assertEqual(sorted(results), ["monday-night_tuesday-night", "monday_tuesday"])
+        for season, result in results.items():
+            self.assertGreater(result["spl"], 0.9, season)
+        log = (self.folder / "out/logs/env-monday+tuesday.log").read_text()
+        self.assertIn("junctions 1, dead ends 4, one-way links 0", log)
+        self.assertIn("frames at places of these streets: 21 of 21 of monday, 21 of 21 of tuesday", log)
 
     def test_recordings_of_ones_own(self):
         self.write_recordings()

@@ -127,8 +127,8 @@ class Evaluation(unittest.TestCase):
             citylearn.ActingPolicy("best.clk")
 
     def test_a_filter_is_as_sure_as_it_may_be_and_says_when_it_is_lost(self):
-        """Learned slips and kidnappings in the drawn city's summer, acts in fall: the expected calibration error over 15
-        bins; 'lost' within 10 steps of a kidnapping, and where none was near and it is right."""
+        """Learned slips and kidnappings in the drawn city's summer, acts in fall and winter: the expected calibration error
+        over 15 bins; 'lost' within 10 steps of a kidnapping, and where none was near and it is right."""
         world = {"synthetic_images": 0, "slip": 0.1, "kidnappings": 1}
         with tempfile.TemporaryDirectory(prefix="citylearn-") as folder:
             summer = subprocess.Popen([BUILD / "env_service/env_service", *WHERE, "--synthetic-images=0", "--slip=0.1",
@@ -141,8 +141,15 @@ class Evaluation(unittest.TestCase):
             finally:
                 summer.terminate()
                 summer.wait()
-            acting = citylearn.ActingPolicy(citylearn.load_policy(next(Path(folder, "checkpoints").glob("checkpoint-*.clk"))))
-        env = citylearn.VectorEnv(num_envs=64, traversal="fall", autoreset_mode=citylearn.AutoresetMode.SAME_STEP, **world)
+            policy = citylearn.load_policy(next(Path(folder, "checkpoints").glob("checkpoint-*.clk")))
+        for traversal in ("fall", "winter"):
+            with self.subTest(traversal=traversal):
+                self.expect_true_beliefs(policy, traversal, world)
+
+    def expect_true_beliefs(self, policy, traversal, world):
+        acting = citylearn.ActingPolicy(policy)
+        env = citylearn.VectorEnv(num_envs=64, traversal=traversal, autoreset_mode=citylearn.AutoresetMode.SAME_STEP,
+                                  **world)
         observations, infos = env.reset(seed=1001)
         beliefs, positions, first, starts = [], [], [], np.ones(64, bool)
         for _ in range(400):

@@ -61,10 +61,11 @@ class Learned(ClearErrors):
         data = as_options({"data": cls.folder})
         services = [subprocess.Popen([BUILD / "env_service/env_service", *as_options(WHERE), *data, "--agents=8",
                                       "--linger=0", *of]) for of in (["--traversal=day"], ["--traversal=dusk"],
-                                                                     ["--traversal=dusk", "--goal-place=4"])]
+                                                                     ["--traversal=dusk", "--goal-place=4"],
+                                                                     ["--traversal=dusk", "--goals=3"])]
         with running(*services, end=signal.SIGTERM):
             subprocess.run([BUILD / "policy_service/policy_service", *as_options(WHERE), f"--agent={agent}", "--steps=3000",
-                            f"--tasks={TASKS}", "--train=day", "--evaluate=day,dusk,dusk-goal4", "--seed=3", "--wait=60",
+                            f"--tasks={TASKS}", "--train=day", "--evaluate=day,dusk,dusk-goal4,dusk-goals3", "--seed=3", "--wait=60",
                             f"--output={output}", *(f"--source={one[2:]}" for one in data)],
                            check=True, stdout=subprocess.DEVNULL, timeout=200)
         return json.loads((output / "summary.json").read_text())["evaluate"], next(output.glob("checkpoints/checkpoint-*"))
@@ -82,6 +83,7 @@ class Learned(ClearErrors):
                                            goal_place=goal)
                 self.assertNotEqual(to_it[agent, "dusk-goal4"].shortest_mean, scores[agent, "dusk"].shortest_mean)
                 scores |= to_it
+            scores |= citylearn.evaluate(citylearn.load_policy(checkpoint), traversals=["dusk"], tasks=TASKS, seed=3, goals=3)
             for (_, traversal), score in scores.items():
                 with self.subTest(agent=agent, traversal=traversal):
                     for name in ("tasks", "completed", "spl", "mean_steps", "reward"):
@@ -181,6 +183,39 @@ class Streets(ClearErrors):
             self.assertGreater(len(spl), 3)
             self.assertEqual(completed, {True} if limits else {False, True})
 
+    def test_a_courier_goes_from_goal_to_goal(self):
+        following = [(None, 1, None), (2, 3, 2), (1, 0, 1), (None, 2, None)]  # states, by left, forward and right
+        places = [0, 1, 1, 2]
+
+        def fewest(state, goals):
+            ways, steps = {(state, 0)}, 0  # where one may be, and how many goals were reached
+            while all(reached < len(goals) for _, reached in ways):
+                ways = {(to, reached + (places[to] == goals[reached])) for at, reached in ways for to in following[at]
+                        if to is not None}
+                steps += 1
+            return steps
+
+        random, spl = np.random.default_rng(3), set()
+        env = self.envs(citylearn.Env, goals=3)
+        for episode in range(60):
+            observation, info = env.reset(seed=episode)
+            start, goals, steps, ended = info["position"], [observation["goal"]], 0, False
+            while not ended:
+                self.assertEqual(info["later_goals"], 3 - len(goals))
+                observation, reward, terminated, truncated, info = env.step(random.integers(3))
+                steps += 1
+                ended = terminated or truncated
+                self.assertEqual(reward == 1, places[info["position"]] == goals[-1])
+                if reward == 1 and not ended:
+                    self.assertNotEqual(observation["goal"], goals[-1])
+                    goals.append(observation["goal"])
+            self.assertLessEqual(fewest(start, goals), steps)
+            self.assertAlmostEqual(info["spl"], fewest(start, goals) / steps if terminated else 0)
+            spl.add(info["spl"])
+        self.assertGreater(len(spl), 5)
+        self.assertNotIn("later_goals", self.envs().reset(seed=1)[1])
+        self.expect(ValueError, "goals", self.envs, goals=17)
+
     def test_controls_are_evaluated_as_by_policy_service(self):
         scores = citylearn.evaluate("shortest_path", controls=["all"], tasks=50, data=self.data, traversal="day", train="day")
         self.assertEqual(scores["shortest_path", "day"].spl, 1)
@@ -188,9 +223,11 @@ class Streets(ClearErrors):
         self.assertNotIn(("shuffled", "day"), scores)
 
     def test_a_walk_is_the_same_over_dds(self):
-        expected = walk(self.envs(agents=4, max_steps=20), 7, 100)
-        with running(*actors.env_services(1, 4, "day", {"data": self.data}, middleware="cyclonedds"), end=signal.SIGTERM):
-            env = citylearn.VectorEnv(middleware="cyclonedds", domain=DOMAIN, interface="lo", traversal="day", max_steps=20)
+        expected = walk(self.envs(agents=4, max_steps=20, goals=2), 7, 100)
+        services = actors.env_services(1, 4, "day", {"data": self.data, "goals": 2}, middleware="cyclonedds")
+        with running(*services, end=signal.SIGTERM):
+            env = citylearn.VectorEnv(middleware="cyclonedds", domain=DOMAIN, interface="lo", traversal="day-goals2",
+                                      max_steps=20)
             self.assertEqual(walk(env, 7, 100), expected)
             self.assertEqual(env.reset(seed=2)[1]["heading"].shape, (4,))
             env.close()

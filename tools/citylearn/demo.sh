@@ -12,8 +12,9 @@ A first run needs none of them, or these
                        DIR/NAME.csv, one frame a row (default: a drawn city)
   --train A[,B]        traversal to train on (default summer, or else the first
                        by name); A,B trains on both, as experiences of the
-                       route of A
-  --evaluate A,B       traversals to evaluate on (default all)
+                       route of A; A+B with --rule street on both drives as one
+                       map, where they meet
+  --evaluate A,B       traversals to evaluate on (default all; of A+B itself)
   --frames FIRST:END   part of the route to use, 0-based, half open (default
                        0:128, or all of a shorter route)
   --agent NAME         place_filter (default), features, raw_images,
@@ -275,10 +276,10 @@ demo() {
         encoding+=("$1" "$2"); shift 2 ;;
       --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--store=*)
         encoding+=("$1"); shift ;;
-      --dropped-frames|--kidnappings|--goal-place)
+      --dropped-frames|--kidnappings|--goal-place|--goals)
         needs "$@"
         world+=("$1" "$2"); shift 2 ;;
-      --dropped-frames=*|--kidnappings=*|--goal-place=*) world+=("$1"); shift ;;
+      --dropped-frames=*|--kidnappings=*|--goal-place=*|--goals=*) world+=("$1"); shift ;;
       --rule) needs "$@"; rule=(--rule "$2"); shift 2 ;;
       --rule=*) rule=("$1"); shift ;;
       --align-by|--align-within)
@@ -344,6 +345,7 @@ demo() {
     [ "$train" = summer ] || notes+=("trains on '$train', as no traversal is called summer; --train takes another")
   fi
   local route=${train%%,*}   # the others are aligned to it, and the encoder learns from it
+  [ -n "$evaluate" ] || [[ $route != *+* ]] || grep -qxF -- "$route" <<<"$known" || evaluate=$train   # drives that are joined
   # As many agents as the chosen agent trains best with; it says so itself, and complains of options it does not know.
   local agents; agents=$("$policy" "${pass[@]}" ${output:+--output "$output"} --show-config) || exit 1
   agents=$(awk '$1 == "--trainer-agents" { print $2 }' <<<"$agents")
@@ -415,7 +417,7 @@ demo() {
     notes+=("takes the first $count of the $whole frames of '$route'; --frames takes another part, or more")
   fi
   local aligned=$images   # frames of equal index in tables of features show the same place already
-  [[ $dataset =~ ^(plain|synthetic)$ && ${#aligning[@]} -eq 0 ]] || aligned=yes
+  [[ $dataset =~ ^(plain|synthetic)$ && ${#aligning[@]} -eq 0 && $route != *+* ]] || aligned=yes
   # No more pictures, and no more places to align, than the agents will see.
   [ "$aligned" = no ] || [ "$streets" = yes ] || [ ${#part[@]} -gt 0 ] || part=(--frames "0:$count")
   if [ "$images" = yes ]; then

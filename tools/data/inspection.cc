@@ -161,11 +161,9 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   long all = 0;
   std::string no_streets;
   try {
-    if (const auto streets = dataset.streets()) {
+    if (const auto streets = dataset.streets())
       taken.insert(
           {"nodes.txt", "links.txt", "graph/nodes.txt", "graph/links.txt", path_below(streets->where(), folder)});
-      inspection.notes = dataset.describe_streets();
-    }
   } catch (const Error& error) {
     no_streets = error.what();
   }
@@ -192,6 +190,12 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
       failed.insert(name);
       taken.insert(name);
     }
+  try {
+    const std::vector<std::string> lines = dataset.describe_streets();  // once the recordings are read
+    inspection.notes.insert(inspection.notes.begin(), lines.begin(), lines.end());
+  } catch (const Error& error) {
+    no_streets = error.what();
+  }
   if (failed.empty() && !no_streets.empty()) inspection.faults.push_back({"streets", -1, "", no_streets});
   for (const Traversal& one : traversals)
     if (one.dimension != traversals[0].dimension && one.dimension > 0 && traversals[0].dimension > 0)

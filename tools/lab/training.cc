@@ -69,7 +69,7 @@ UpdateFigures InprocessTraining::update() {
 
 std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& traversal, const Trial& trial) {
   const int room = traversal.dimension > 0 ? static_cast<int>(msg::MAX_FEATURES) / traversal.dimension : 256;
-  Environment environment(traversal, std::max(1, std::min({256, room, trial.tasks})), trial.imperfections);
+  Environment environment(traversal, std::max(1, std::min({256, room, trial.tasks})), trial.imperfections, trial.goals);
   msg::TaskSettings settings;
   settings.task_mode() = msg::EVALUATE;
   settings.first_frame() = static_cast<std::uint32_t>(trial.first_frame);

@@ -60,6 +60,7 @@ struct Trial {
   int max_detour = 0;                       ///< as TaskSettings has it
   bool shuffle = false;                     ///< frames shown in a random order
   Imperfections imperfections = {};         ///< of the world, those that befall agents
+  int goals = 1;                            ///< of a task
   std::function<void()> interrupt = [] {};  ///< called before each step; what it throws ends the trial
 };
 

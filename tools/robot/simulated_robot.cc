@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "core/ros2/header.h"
-#include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
@@ -45,7 +44,8 @@ SimulatedRobot::SimulatedRobot(const SimulatedRobotOptions& options, Ros2Partici
   ros_.advertise<Picture>(options_.camera);
   ros_.advertise<Odometry>(options_.odometry);
   ros_.advertise<Pose>(options_.pose);
-  driven_ = next_report_ = due_ = Clock::now();
+  due_ = Clock::now();
+  driven_ = next_report_ = ros_.now();
 }
 
 SimulatedRobot::Point SimulatedRobot::point_at(double metres) const {
@@ -70,7 +70,10 @@ void SimulatedRobot::take_commands(Clock::time_point now) {
     speed_ = 0;
 }
 
-void SimulatedRobot::advance(Clock::time_point now) {
+void SimulatedRobot::advance(Clock::time_point steady) {
+  due_ = steady + kStep;
+  if (!ros_.clock().known()) return;
+  const Clock::time_point now = ros_.clock().at(steady);
   const double way = speed_ * std::chrono::duration<double>(now - std::exchange(driven_, now)).count();
   wheels_ += way;
   metres_ = std::clamp(metres_ + grip_ * way, 0.0, options_.metres);
@@ -81,13 +84,13 @@ void SimulatedRobot::advance(Clock::time_point now) {
     publish_position();
     publish_picture();
   }
-  due_ = std::min(next_report_, now + kStep);
+  if (!ros_.clock().simulated()) due_ = std::min(due_, next_report_);
 }
 
 void SimulatedRobot::publish_position() {
   const Point wheels = point_at(wheels_);
   Odometry odometry;
-  odometry.header(ros2_header("odom", nanoseconds_since_epoch()));
+  odometry.header(ros2_header("odom", ros_.clock().time()));
   odometry.child_frame_id("base_link");
   odometry.pose().pose().position().x(wheels.x);
   odometry.pose().pose().position().y(wheels.y);
@@ -96,7 +99,7 @@ void SimulatedRobot::publish_position() {
   ros_.publish(options_.odometry, odometry);
   const Point here = point_at(metres_);
   Pose pose;
-  pose.header(ros2_header("map", nanoseconds_since_epoch()));
+  pose.header(ros2_header("map", ros_.clock().time()));
   pose.pose().position().x(here.x + options_.position_noise * noise_.normal());
   pose.pose().position().y(here.y + options_.position_noise * noise_.normal());
   pose.pose().orientation().w(1);
@@ -104,7 +107,7 @@ void SimulatedRobot::publish_position() {
 }
 
 void SimulatedRobot::publish_picture() {
-  picture_.header(ros2_header("camera", nanoseconds_since_epoch()));
+  picture_.header(ros2_header("camera", ros_.clock().time()));
   picture_.format("png");
   drive_.draw(static_cast<float>(metres_), file_);
   const auto* bytes = reinterpret_cast<const std::uint8_t*>(file_.data());

@@ -43,8 +43,8 @@ class SimulatedRobot {
   /// `ros` must outlive it. Throws Error for an unknown look or a name that is not a topic.
   SimulatedRobot(const SimulatedRobotOptions& options, Ros2Participant& ros);
 
-  /// Drives up to `now`, and publishes what is due.
-  void advance(Clock::time_point now);
+  /// Drives up to what its clock says at that time of the steady clock, and publishes what is due.
+  void advance(Clock::time_point steady);
   /// Returns when advance() is to be called again.
   Clock::time_point due() const { return due_; }
   double metres() const { return metres_; }  ///< along the route
@@ -68,9 +68,10 @@ class SimulatedRobot {
   std::vector<Point> road_;  // every half metre
   Random slips_, noise_, faults_;
 
-  double metres_ = 0, wheels_ = 0;  // along the route, really and by its wheels
-  double speed_ = 0, grip_ = 1;     // commanded, m/s; of this drive
-  Clock::time_point driven_, stop_at_, due_, next_report_;
+  double metres_ = 0, wheels_ = 0;                    // along the route, really and by its wheels
+  double speed_ = 0, grip_ = 1;                       // commanded, m/s; of this drive
+  Clock::time_point driven_, stop_at_, next_report_;  // by its clock
+  Clock::time_point due_;
   sensor_msgs::msg::dds_::CompressedImage_ picture_, kept_;  // kept_: one that comes late
   bool has_kept_ = false;
   std::uint64_t pictures_ = 0;

@@ -51,12 +51,14 @@ std::string suffix_of(const Bytes& file) {
 
 Teacher::Teacher(const TeachOptions& options, Ros2Participant& ros)
     : options_(options),
+      ros_(ros),
       senses_(ros, options.topics),
       record_(ros.offer<SetBoolRequest, SetBoolResponse>("record")),
       paused_(options.paused),
       pictures_(fresh(options, "")),
       poses_path_(fresh(options, ".poses.csv")) {
   create_folder(pictures_);
+  pictures_heard_.came = positions_heard_.came = ros.now();
   senses_.limit_deviation(kMaxPlacesAway * options.spacing);
 }
 
@@ -78,27 +80,29 @@ bool Teacher::Topic::silent(Clock::time_point now) const {
   return now - came > std::max<Clock::duration>(kMaxAge, interval + interval / 2);
 }
 
-void Teacher::poll(Clock::time_point now) {
+void Teacher::poll(Clock::time_point steady) {
+  const Clock::time_point now = ros_.clock().at(steady);
   senses_.poll();
   pictures_heard_.hear(senses_.picture() ? senses_.picture()->stamp : 0, now);
   positions_heard_.hear(senses_.position() ? senses_.position()->stamp : 0, now);
-  record_.serve([&](const SetBoolRequest* request) { return set_recording(request, now); });
+  record_.serve([&](const SetBoolRequest* request) { return set_recording(request, steady); });
   was_paused_ |= paused_;
   if (!paused_ && is_next(now)) write_frame(now);
 }
 
-Teacher::SetBoolResponse Teacher::set_recording(const SetBoolRequest* request, Clock::time_point now) {
+Teacher::SetBoolResponse Teacher::set_recording(const SetBoolRequest* request, Clock::time_point steady) {
   SetBoolResponse response;
   response.success(request != nullptr);
   if (request && std::exchange(paused_, !request->data()) == request->data())
     spdlog::info(paused_ ? "is paused by a node" : "records");
-  const std::string frames = fmt::format("{} frames", frames_), obstacle = paused_ ? "" : trouble(now);
+  const std::string frames = fmt::format("{} frames", frames_), obstacle = paused_ ? "" : trouble(steady);
   response.message(!request ? "the request cannot be read"
                             : frames + (paused_ ? ", paused" : "") + (obstacle.empty() ? "" : "; " + obstacle));
   return response;
 }
 
-std::string Teacher::trouble(Clock::time_point now) const {
+std::string Teacher::trouble(Clock::time_point steady) const {
+  const Clock::time_point now = ros_.clock().at(steady);
   if (now - pictures_heard_.came > kMaxSilence) return senses_.why_no_picture(true);
   if (!options_.topics.position.empty() && now - positions_heard_.came > kMaxSilence)
     return senses_.why_no_position(true);
@@ -107,7 +111,7 @@ std::string Teacher::trouble(Clock::time_point now) const {
 
 /// Returns whether the newest picture is the next frame. An old one of a silent topic does not show the robot's place.
 bool Teacher::is_next(Clock::time_point now) const {
-  if (!senses_.picture() || senses_.picture()->stamp == picture_) return false;
+  if (!ros_.clock().known() || !senses_.picture() || senses_.picture()->stamp == picture_) return false;
   const std::uint64_t stamp = senses_.picture()->stamp;
   if (options_.topics.position.empty())  // earlier: the camera's clock was set back
     return stamp < picture_ ||

@@ -32,11 +32,11 @@ class Teacher {
   Teacher(const Teacher&) = delete;
   Teacher& operator=(const Teacher&) = delete;
 
-  /// Takes what has come by `now`. Throws Error when the disk is full.
-  void poll(Clock::time_point now = Clock::now());
+  /// Takes what has come by that time of the steady clock. Throws Error when the disk is full.
+  void poll(Clock::time_point steady = Clock::now());
   int frames() const { return frames_; }
-  /// Says which topic has been silent for three seconds, and why; empty: none has.
-  std::string trouble(Clock::time_point now) const;
+  /// Says which topic has been silent for three seconds by the robot's clock, and why; empty: none has.
+  std::string trouble(Clock::time_point steady) const;
   const RobotSenses& senses() const { return senses_; }
   /// Says what came and was not used, and where frames are missing, a line each: "4 s without a position: 9.8 m without
   /// frames before 000004.png". Frames are missing where two are more than twice as far apart as was asked.
@@ -48,7 +48,7 @@ class Teacher {
   /// The times at which a topic was heard.
   struct Topic {
     std::uint64_t stamp = 0;  // of the newest message, and when it came
-    Clock::time_point came = Clock::now();
+    Clock::time_point came;
     Clock::duration interval{}, silence{};  // between the last two messages; the longest one since the last frame
     void hear(std::uint64_t newest, Clock::time_point now);
     bool silent(Clock::time_point now) const;
@@ -60,12 +60,13 @@ class Teacher {
   bool is_next(Clock::time_point now) const;
   void write_frame(Clock::time_point now);
   void note_hole(const std::string& file, Clock::time_point now);
-  SetBoolResponse set_recording(const SetBoolRequest* request, Clock::time_point now);
+  SetBoolResponse set_recording(const SetBoolRequest* request, Clock::time_point steady);
   double metres_to(const PositionTopic::Position& position) const {
     return position_ ? PositionTopic::metres_between(options_.topics.source, *position_, position) : 0;
   }
 
   const TeachOptions options_;
+  const Ros2Participant& ros_;
   RobotSenses senses_;
   Ros2Service<SetBoolRequest, SetBoolResponse> record_;
   bool paused_, was_paused_ = false;  // was_paused_: since the last frame

@@ -6,7 +6,6 @@
 #include <algorithm>
 
 #include "core/exchange/timing.h"
-#include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
@@ -76,7 +75,8 @@ void Ros2Bridge::leave_silent(Clock::time_point now) {
 
 template <class Message>
 void Ros2Bridge::translate(Message& message) {
-  while (node_.take(message)) translation_.on_message(message, nanoseconds_since_epoch());
+  while (node_.take(message))
+    if (const std::uint64_t time = options_.time()) translation_.on_message(message, time);
 }
 
 void Ros2Bridge::poll() {

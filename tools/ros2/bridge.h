@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
+#include <functional>
 #include <map>
 #include <string>
 
 #include "core/exchange/presence.h"
+#include "core/util/wall_clock.h"
 #include "core/wire/node.h"
 #include "dashboard/live/maps.h"
 #include "dashboard/live/pictures.h"
@@ -21,6 +24,7 @@ class Ros2Bridge {
     Ros2Translation::Options translation;
     int widest = 640;      ///< of pictures, pixels
     bool actions = false;  ///< reads all observations and actions, for what scenes do not say
+    std::function<std::uint64_t()> time = nanoseconds_since_epoch;  ///< of stamps; 0: not known, then nothing is said
   };
   /// `node` and `sink` must outlive it.
   Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options);

@@ -67,6 +67,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--output", line.output, "Write an MCAP file with profile ros2 instead of publishing")
       ->type_name("FILE.mcap");
   add_ros2_options(app, line.ros);
+  for (const char* file : {"--open", "--output"}) app.get_option("--use-sim-time")->excludes(file);
   app.add_option("--prefix", translation.prefix, "Begins all topics: /PREFIX/ENVIRONMENT/agent_0/...")
       ->capture_default_str()
       ->check([](const std::string& name) {
@@ -141,8 +142,8 @@ void run(const CommandLine& line, Ros2Sink& sink, const std::string& activity, P
   bool told = false;
   while (!stop_requested()) {
     node.wait(bridge.due());
-    bridge.poll();
     poll();
+    bridge.poll();
     if (told || Clock::now() < patience) continue;
     told = true;
     if (bridge.environments() == 0)
@@ -152,7 +153,7 @@ void run(const CommandLine& line, Ros2Sink& sink, const std::string& activity, P
   }
 }
 
-int bridge(const CommandLine& line) {
+int bridge(CommandLine& line) {
   if (!line.output.empty()) {
     Ros2File file(line.output);
     run(line, file, "records to " + line.output, [&] { file.poll(); });
@@ -163,6 +164,7 @@ int bridge(const CommandLine& line) {
   if (!line.node.middleware.security.empty())
     spdlog::warn("--security holds for CityLearn's side: ROS 2's is not encrypted");
   Ros2Participant participant(line.ros, line.node.id, &line.node.middleware);
+  line.bridge.time = [&] { return participant.clock().time(); };
   run(line, participant, "publishes to ROS 2 in domain " + std::to_string(line.ros.domain), [&] {
     for (const std::string& fault : participant.poll()) spdlog::error("{}", fault);
   });

@@ -15,18 +15,18 @@ namespace {
 
 using namespace place_filter;
 
-/// Each place of the route as seen from the goal, batch x N.
+/// Each place of the route as seen from a goal, batch x N.
 struct PlacesByGoal {
   OnnxValue ahead;              ///< goal - place
   OnnxValue before, at, after;  ///< 1 where the place is before, at or after the goal, else 0
 };
 
 /// Told by arithmetic, exact for whole numbers: readers differ in which comparisons they know.
-PlacesByGoal places_by_goal(AgentGraph& graph) {
+PlacesByGoal places_by_goal(AgentGraph& graph, const OnnxValue& goal) {
   const std::ptrdiff_t places = graph.agent().task.frames;
   const Matrix<float> indices = Eigen::VectorXf::LinSpaced(places, 0, static_cast<float>(places - 1));
   PlacesByGoal by;
-  by.ahead = graph.linear(graph.goal(), "ones", Matrix<float>::Ones(places, 1), "places", -indices);
+  by.ahead = graph.linear(goal, "ones", Matrix<float>::Ones(places, 1), "places", -indices);
   by.before = relu(by.ahead) - relu(by.ahead + -1);
   by.after = relu(-1 * by.ahead) - relu(-1 * by.ahead + -1);
   by.at = -1 * (by.before + by.after) + 1;
@@ -97,9 +97,20 @@ OnnxValue moved_scores(AgentGraph& graph, const Motion<float>& motion, const Onn
   return graph.stretched(-1 * graph.first() + 1, places) * scores;
 }
 
+/// Returns the scores `moved` where the goal is that of the step before, else those of an agent that stands there.
+/// `before`: 1 + the goal before, 0 where an episode begins.
+OnnxValue scores_at_goal(AgentGraph& graph, const OnnxValue& moved, const OnnxValue& before) {
+  const std::ptrdiff_t places = graph.agent().task.frames;
+  const OnnxValue apart = graph.goal() - before + 1, known = relu(2 * before + -1) - relu(2 * before + -2);
+  const OnnxValue distance = relu(apart) + relu(-1 * apart);
+  const OnnxValue arrived = graph.stretched(known * (distance - relu(distance + -1)), places);
+  const OnnxValue there = -kExclusion * (-1 * places_by_goal(graph, before + -1).at + 1);
+  return moved + arrived * (there - moved);
+}
+
 /// Exports what network/agents/place_filter.cc computes. A model's belief is never sparse.
 std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, const TrainedAgent& agent) {
-  auto graph = std::make_unique<AgentGraph>(agent, agent.task.frames + 1);
+  auto graph = std::make_unique<AgentGraph>(agent, agent.task.frames + 2);
   const std::ptrdiff_t places = agent.task.frames;
   const auto scalars = graph->tensor("filter.scalars");
   const auto scalar = [&](int which) {
@@ -109,7 +120,8 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
   // Scores, moved by the previous action; all alike at an episode's start.
   const OnnxValue state = graph->state(), before = graph->columns(state, 0, places);
   const Motion<float> motion = motion_of(*graph, parameters);
-  const OnnxValue moved = moved_scores(*graph, motion, before);
+  const OnnxValue moved =
+      scores_at_goal(*graph, moved_scores(*graph, motion, before), graph->columns(state, places + 1, places + 2));
 
   // What is seen, and what is excluded: linear in what is allowed (places x actions: 1 = excluded where it is allowed).
   Matrix<float> excluded = Matrix<float>::Zero(places, kActions);
@@ -122,7 +134,7 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
   };
   only(0, kPrevious);
   only(places - 1, kNext);
-  const PlacesByGoal by_goal = places_by_goal(*graph);
+  const PlacesByGoal by_goal = places_by_goal(*graph, graph->goal());
   const OnnxValue step = motion.later(0) * (graph->columns(state, places, places + 1) - graph->first() + 1);
   const OnnxValue tempered = exp(-1 * log(scalar(kTempering) * step + 1));
   const OnnxValue similarity = place_similarity(*graph);
@@ -168,7 +180,7 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
   joined(kActions, kStateValue) = joined(kActions, kOutputs + kStateValue) = 0.5f;
   const OnnxValue nothing_said = 0 * inputs[0];
   const OnnxValue direct = scalar(kDirectness) * graph->concat({nothing_said, inputs[0], inputs[1], nothing_said});
-  graph->finish(graph->linear(both, "joined", joined) + direct, graph->concat({scores, step}));
+  graph->finish(graph->linear(both, "joined", joined) + direct, graph->concat({scores, step, graph->goal() + 1}));
   return graph;
 }
 

@@ -29,8 +29,9 @@ using namespace place_filter;
 ///   l_i += s / (1 + h t) (x . K_i), with the K_i most like x where the place was experienced several times, and l_i -=
 ///   kExclusion for the goal (standing there would have ended the episode) and wherever the actions allowed would be
 ///   others.
-/// What is excluded stays so for the episode, however much else speaks for it. Evidence counts for less the longer the
-/// episode is, because neighbouring frames err alike: h says how much.
+/// What is excluded stays so for the episode, however much else speaks for it. An agent that has reached its goal, and
+/// got the next one, is where that goal was: all else is excluded. Evidence counts for less the longer the episode is,
+/// because neighbouring frames err alike: h says how much.
 ///
 /// Head: what the belief says seen from the goal. With places weighed by 1 / distance^g (a wrong turn costs most in
 /// proportion when the goal is near), and the side that asks for turning about by u (doubt alone is no reason to turn),
@@ -44,7 +45,7 @@ using namespace place_filter;
 /// training.) The first two inputs also reach the logits of `next` and `previous` directly, times d: an agent that has
 /// learned nothing walks to the side where it believes the goal, as QMDP planning would (Littman et al., 1995; within a
 /// network: Karkus, Hsu & Lee, 2017), on a route of any length. g, u and d are learned too. s and h are not: rewards
-/// ask for a filter that is surer than it may be, and gain nothing by it. The state is l, then t.
+/// ask for a filter that is surer than it may be, and gain nothing by it. The state is l, then t, then 1 + the goal.
 ///
 /// How often actions slip, and agents are kidnapped, is learned unless it is told: the likeliest by where actions led
 /// in training, where each step's place is known (add_model_gradient()). No reward has a say in it, so it is an
@@ -77,12 +78,14 @@ class PlaceFilter : public AgentNetwork<S> {
     specs[0].help += "; -1: learned";
     specs[1].help += "; -1: learned where slips are, else 0";
     for (ParameterSpec& spec : specs) spec.default_value = spec.minimum = -1;
+    specs.push_back(
+        {kSlipsLimit, "1: evidence is tempered no further than by the steps between two slips", 1, 0, 1, true});
     specs.push_back({"units", "units of each of the head's two layers", 64, 1, 4096, true});
     return specs;
   }
 
   const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
-  int state_size() const override { return sparse_ ? SparseBelief<S>::kStateSize : places_ + 1; }
+  int state_size() const override { return sparse_ ? SparseBelief<S>::kStateSize : places_ + 2; }
   Vector<S> belief(const Eigen::Ref<const Vector<S>>& state) const override {
     if (!sparse_) return state.head(places_);
     SparseBelief<S> belief;
@@ -270,19 +273,24 @@ class PlaceFilter : public AgentNetwork<S> {
       const std::size_t index = static_cast<std::size_t>(column);
       const std::uint8_t previous = inputs.previous_action[index];
       auto score = work.score.col(column);
-      if (inputs.first[index]) {
+      const bool begins = inputs.first[index], carried = column < agents;  // carried: from the state
+      const int before = begins    ? -1
+                         : carried ? goal_in(state(places_ + 1, column))
+                                   : inputs.goal[static_cast<std::size_t>(column - agents)];
+      work.step(column) = begins ? S(0) : motion.later(carried ? state(places_, column) : work.step(column - agents));
+      if (begins) {
         score.setConstant(kNever);
         score.head(inputs.frames).setZero();
-        work.step(column) = 0;
-      } else if (column < agents) {
+      } else if (before >= 0 && before != inputs.goal[index]) {
+        score.setConstant(kNever);
+        score.head(inputs.frames).setConstant(-kExclusion);
+        score(before) = 0;
+      } else if (carried) {
         work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
-        work.step(column) = motion.later(state(places_, column));
+      } else if (exact) {
+        work.motion.shift(previous, work.score.col(column - agents), score, kNever);
       } else {
-        if (exact)
-          work.motion.shift(previous, work.score.col(column - agents), score, kNever);
-        else
-          work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
-        work.step(column) = motion.later(work.step(column - agents));
+        work.motion.move_belief(previous, work.belief.col(column - agents), score, kNever);
       }
       score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
       exclude(inputs.goal[index], inputs.frames, inputs.allowed[index], S(kExclusion), score);
@@ -299,15 +307,21 @@ class PlaceFilter : public AgentNetwork<S> {
         work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
       });
     }
-    work.state.resize(places_ + 1, agents);
+    work.state.resize(places_ + 2, agents);
     work.state.topRows(places_) = work.score.rightCols(agents);
-    work.state.bottomRows(1) = work.step.tail(agents).transpose();
+    work.state.row(places_) = work.step.tail(agents).transpose();
+    for (std::ptrdiff_t agent = 0; agent < agents; ++agent)
+      work.state(places_ + 1, agent) =
+          static_cast<S>(inputs.goal[static_cast<std::size_t>(columns - agents + agent)] + 1);
   }
+  /// Returns the goal of a state; -1: there was none.
+  int goal_in(S stored) const { return stored > 0 ? static_cast<int>(std::min(stored, S(places_))) - 1 : -1; }
   Motion<S> motion_by(const Vector<S>& parameters) const {
     const auto value = [&](std::optional<std::size_t> tensor, S told) {
       return tensor ? learned_probability(layout_.view(parameters, *tensor)(0)) : told;
     };
-    return {value(slip_, motion_.slip()), std::max(value(kidnap_, 0), motion_.kidnap())};
+    return {value(slip_, motion_.slip()), std::max(value(kidnap_, 0), motion_.kidnap()),
+            motion_.slips_limit_tempering()};
   }
   Scalars scalars(const Vector<S>& parameters) const {
     const auto stored = layout_.view(parameters, scalars_);

@@ -130,7 +130,8 @@ class StreetFilter : public AutodiffNetwork<S> {
     std::vector<int> views;  // the last of these, a ring
   };
   struct Work : Base::Work {
-    explicit Work(const StreetFilter& of) : filter(of.keys_, of.motion_, of.map_), fields(*of.map_, of.goal_radius_) {}
+    explicit Work(const StreetFilter& of)
+        : filter(of.keys_, of.motion_, of.map_, of.goal_radius_), fields(*of.map_, of.goal_radius_) {}
     SparseFilter<S> filter;
     DistanceFields fields;
     std::vector<Walker> walkers;       // B
@@ -149,7 +150,7 @@ class StreetFilter : public AutodiffNetwork<S> {
 
   Motion<S> motion_by(const S* slip, const S* kidnap) const {
     return {slip ? learned_probability(*slip) : motion_.slip(),
-            std::max(kidnap ? learned_probability(*kidnap) : S(0), motion_.kidnap())};
+            std::max(kidnap ? learned_probability(*kidnap) : S(0), motion_.kidnap()), motion_.slips_limit_tempering()};
   }
 
   static void load(const Eigen::Ref<const Vector<S>>& state, int states, Walker& walker) {

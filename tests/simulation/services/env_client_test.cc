@@ -305,6 +305,20 @@ TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
   EXPECT_EQ(env->refusal, "does not confirm its settings");
 }
 
+TEST_F(EnvClientTest, OneThatRefusesItsSettingsSaysWhy) {
+  Traversal traversal = small_traversal(20);
+  traversal.goal = 15;
+  const Host host(traversal, 2, run_);
+  EnvClientOptions options;
+  options.patience = seconds(3);
+  Player player(run_, options);
+  player.client.joined = [&](EnvHandle& env) { player.client.command(env, route(0, 10)); };
+  ASSERT_TRUE(player.until([&] { return player.env("env-line") && !player.env("env-line")->refusal.empty(); }));
+  EXPECT_EQ(player.env("env-line")->refusal,
+            "does not confirm its settings: refused settings: TaskSettings.frames: the route 0..9 is without the goal, "
+            "place 15 (ask for another part of the traversal)");
+}
+
 TEST_F(EnvClientTest, AnAnnouncementThatObservationsOvertookIsNotARestart) {
   Deaf env_service(run_);
   env_service.info.agents() = 1;

@@ -48,9 +48,10 @@ class StreetsTest : public ::testing::Test {
   StreetsTest() : run_("streets-" + std::to_string(++runs)) { spdlog::set_level(spdlog::level::warn); }
   ~StreetsTest() override { spdlog::set_level(spdlog::level::info); }
 
-  std::unique_ptr<EnvServiceThread> host(const Traversal& traversal, const std::string& middleware = "inprocess") {
+  std::unique_ptr<EnvServiceThread> host(const Traversal& traversal, const std::string& middleware = "inprocess",
+                                         int goals = 1) {
     return std::make_unique<EnvServiceThread>(
-        EnvServiceOptions{{middleware_options(middleware), "", "", run_}, 3, {}, {}, 0.1}, traversal);
+        EnvServiceOptions{{middleware_options(middleware), "", "", run_}, 3, {}, {}, 0.1, {}, goals}, traversal);
   }
   /// Waits until an env_service has joined, or is refused.
   static EnvHandle* known(EnvClient& client, const std::string& id) {
@@ -92,7 +93,7 @@ TEST_F(StreetsTest, EnvServicesOfACityShareItsStates) {
 TEST_F(StreetsTest, TheyAreWalkedOverTheWireAsInProcess) {
   const Traversal traversal = streets_traversal();
   std::vector<Bytes> expected;
-  Environment environment(traversal, 3);
+  Environment environment(traversal, 3, {}, 2);
   environment.reset(street_task(traversal));
   for (msg::Observation seen; expected.size() < 100; environment.step(chosen(seen))) {
     environment.observe(seen);
@@ -100,7 +101,7 @@ TEST_F(StreetsTest, TheyAreWalkedOverTheWireAsInProcess) {
   }
   for (const std::string& middleware : {std::string("inprocess"), kLossy})
     for (const Observing observing : {Observing::kWhole, Observing::kByReference}) {
-      const auto running = host(traversal, middleware);
+      const auto running = host(traversal, middleware, 2);
       Node node({middleware_options(middleware), "policy_service", "policy", run_});
       EnvClientOptions options;
       options.observing = observing;

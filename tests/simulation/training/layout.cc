@@ -29,6 +29,8 @@ const std::vector<Layout>& layouts() {
   static const std::vector<Layout> all = with_streets({
       {.name = "lockstep", .meaning = "one policy_service acts and learns"},
       {.name = "actors", .meaning = "a learner and two actors", .actors = 2},
+      {.name = "courier", .meaning = "one policy_service acts and learns tasks of three goals", .goals = 3},
+      {.name = "courier-actors", .meaning = "a learner and two actors, tasks of three goals", .actors = 2, .goals = 3},
       {.name = "encoder",
        .meaning = "env_services with pictures, two encoder_services that share a store",
        .environments = 2,

@@ -17,6 +17,7 @@ struct Layout {
   int encoders = 0;      ///< encoder_services that share a store; 0: the env_services have features instead of pictures
   int dashboards = 1;    ///< that record
   bool streets = false;  ///< agents walk on a map of streets; else along a line
+  int goals = 1;         ///< of a task
   bool replayed = false;   ///< everything is recorded, and replayed to another dashboard after the training
   int updates = 15;        ///< that the training lasts
   int segment = 64;        ///< steps of each agent between updates

@@ -41,6 +41,7 @@ bool readable(const std::string& file) {
 Process::Body env_service(const std::string& id, const Layout& layout, const Traversal& traversal,
                           const std::vector<std::string>& recorders) {
   EnvServiceOptions options;
+  options.goals = layout.goals;
   options.node.id = id;
   options.agents = layout.agents;
   options.recorders = recorders;

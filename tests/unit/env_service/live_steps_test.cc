@@ -97,12 +97,20 @@ TEST_F(SentToGoals, StandsWhileItIsLost) {
   step(kNext, 0, 5);
   EXPECT_EQ(steps_->trouble(Clock::now()), "") << "a slip leads there";
   advance(6);
-  step(kNext, 0.5f, 1);
+  step(kNext, 0.625f, 1);
   EXPECT_EQ(steps_->trouble(Clock::now()),
             "it was lost and stands: it took itself to be near place 5 and is likeliest near 1 (--max-lost 0.7)");
   advance(6);
-  step(kNext, 0.5f, 1);
+  step(kNext, 0.625f, 1);
   EXPECT_EQ(steps_->trouble(Clock::now()), "");
+  advance(6);
+  step(kNext, 0.25f, 8);
+  EXPECT_EQ(steps_->trouble(Clock::now()), "") << "it was never sure of place 1, and has found itself";
+  advance(6);
+  step(kNext, 0.6875f, 8);
+  advance(6);
+  step(kNext, 0.5f, 1);
+  EXPECT_TRUE(contains(steps_->trouble(Clock::now()), "near place 8 and is likeliest near 1")) << "doubt came before";
   advance(8);
   tasks_.task_mode() = msg::TRAIN;
   steps_->reset(tasks_);

@@ -84,3 +84,4 @@ export interface Scene extends SceneHeader {
 
 export const FLAG_FIRST = 1;
 export const FLAG_IDLE = 8;
+export const LATER_GOAL = 16;

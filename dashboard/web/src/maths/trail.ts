@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-import { FLAG_FIRST, FLAG_IDLE, type Scene, type SceneAgent } from '../api/types';
+import { FLAG_FIRST, FLAG_IDLE, LATER_GOAL, type Scene, type SceneAgent } from '../api/types';
 
-/** An agent's positions at some steps of its episode, as scenes arrive less often than steps. */
+/**
+ * An agent's positions at some steps of its episode, as scenes arrive less often than steps; its goal, and how many
+ * follow.
+ */
 export interface Trail {
   start: number;
   goal: number;
+  later: number;
   steps: number[];
   positions: number[];
 }
@@ -12,22 +16,25 @@ export interface Trail {
 const LONGEST = 4096;
 
 /**
- * Returns the trail after one more scene. Another start or goal, a count of steps that fell, or the first observation
- * begins a new one.
+ * Returns the trail after one more scene. Another start, a goal that does not follow, a count of steps that fell, or the
+ * first observation begins a new one.
  */
 export function extend(trail: Trail | undefined, agent: SceneAgent): Trail {
   const last = trail?.steps[trail.steps.length - 1] ?? -1;
+  const later = laterGoals(agent);
   const same =
     trail !== undefined &&
     trail.start === agent.start &&
-    trail.goal === agent.goal &&
+    (trail.goal === agent.goal || later < trail.later) &&
     agent.steps >= last &&
     (agent.flags & FLAG_FIRST) === 0;
   if (!same) {
-    const begun = { start: agent.start, goal: agent.goal, steps: [0], positions: [agent.start] };
+    const begun = { start: agent.start, goal: agent.goal, later, steps: [0], positions: [agent.start] };
     if (agent.steps > 0) push(begun, agent);
     return begun;
   }
+  trail.goal = agent.goal;
+  trail.later = later;
   if (agent.steps > last) push(trail, agent);
   return trail;
 }
@@ -56,6 +63,11 @@ export class Trails {
   of(agent: number): Trail | undefined {
     return this.trails[agent];
   }
+}
+
+/** Returns how many goals follow the present one in the episode. */
+export function laterGoals(agent: SceneAgent): number {
+  return Math.floor(agent.flags / LATER_GOAL);
 }
 
 export function idle(agent: SceneAgent): boolean {

@@ -8,7 +8,7 @@ import type { Run, RunDetail, RunTraversal, Scene } from '../api/types';
 import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
 import { beliefText, routePart, sceneText } from '../maths/scene';
-import { idle, Trails, type Trail } from '../maths/trail';
+import { idle, laterGoals, Trails, type Trail } from '../maths/trail';
 import { useJson, valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { now } from '../state/shared';
@@ -203,6 +203,8 @@ function Eyes({ source, traversal, all, agent, frame }: {
   );
 }
 
+const withLater = (goal: number, later: number): string => (later > 0 ? `${goal}, then ${later} more` : String(goal));
+
 function Agents({ scene, agent, name, streets }: {
   scene: Scene | null;
   agent: number;
@@ -222,7 +224,7 @@ function Agents({ scene, agent, name, streets }: {
     },
     { ...text('position', 'At'), number: true, show: (row) => (idle(row) ? 'idle' : row.position) },
     { ...text('start', 'Start'), number: true },
-    { ...text('goal', 'Goal'), number: true },
+    { ...text('goal', 'Goal'), number: true, show: (row) => withLater(row.goal, laterGoals(row)) },
     ...(streets ? [] : [{ ...text('left', 'To go'), number: true }]),
     { ...text('steps', 'Steps'), number: true },
   ];

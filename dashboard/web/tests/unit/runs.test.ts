@@ -126,7 +126,7 @@ describe('trails', () => {
   const agent = (changes: Partial<SceneAgent>): SceneAgent => ({ frame: 5, position: 5, start: 5, goal: 9, steps: 0, flags: 1, ...changes });
   it('collects positions of an episode, also when it was seen late', () => {
     const trail = extend(undefined, agent({ position: 7, steps: 2, flags: 0 }));
-    expect(trail).toEqual({ start: 5, goal: 9, steps: [0, 2], positions: [5, 7] });
+    expect(trail).toEqual({ start: 5, goal: 9, later: 0, steps: [0, 2], positions: [5, 7] });
     extend(trail, agent({ position: 8, steps: 3, flags: 0 }));
     extend(trail, agent({ position: 8, steps: 3, flags: 0 })); // the same once more
     expect(trail.positions).toEqual([5, 7, 8]);
@@ -138,6 +138,12 @@ describe('trails', () => {
   ])('begins anew with %s', (_, next) => {
     const old = extend(extend(undefined, agent({})), agent({ position: 6, steps: 3, flags: 0 }));
     expect(extend(old, next)).not.toBe(old);
+  });
+  it('goes on to the next of several goals', () => {
+    const old = extend(extend(undefined, agent({ flags: 33 })), agent({ position: 9, steps: 4, flags: 32 }));
+    expect(extend(old, agent({ goal: 2, position: 8, steps: 5, flags: 16 }))).toBe(old);
+    expect(old).toEqual({ start: 5, goal: 2, later: 1, steps: [0, 4, 5], positions: [5, 9, 8] });
+    expect(extend(old, agent({ goal: 7, steps: 9, flags: 32 }))).not.toBe(old);
   });
   it('begins anew on another route', () => {
     const trails = new Trails();

@@ -53,6 +53,7 @@ TEST(GoalPlace, OnStreetsIsThePlaceOfAState) {
   EXPECT_EQ(with_goal(traversal, "6").goal, 6);
   EXPECT_EQ(with_goal(traversal, "0.00401,0").goal, 4);
   EXPECT_TRUE(contains(refusal(traversal, "7"), "'streets' has the places 0..6"));
+  EXPECT_TRUE(contains(refusal(traversal, "0.0069,0"), "the nearest, place 6 at 0.006000,0.000000, is 100.1 m away"));
 }
 
 TEST(GoalPlace, IsRefusedInOneLine) {
@@ -62,12 +63,14 @@ TEST(GoalPlace, IsRefusedInOneLine) {
            {"-1", "'line' has the places 0..5"},
            {"1.5", "'line' has the places 0..5"},
            {"1e300", "'line' has the places 0..5"},
-           {"0.006,8.5", "no place is within 50 m: the nearest, frame 5 at 0.005000,8.500000, is 111.2 m away"},
+           {"0.006,8.5", "no place is within 50 m: the nearest, place 5 at 0.005000,8.500000, is 111.2 m away"},
            {"91,8.5", "is not a latitude and a longitude"},
            {"0,8.5,0", "is not a latitude and a longitude"},
            {"0,8.5,-3", "is not a latitude and a longitude"},
            {"1,2,3,4", "is neither a place's number"},
            {"nan,0", "is neither a place's number"},
+           {"1e999,0", "is neither a place's number"},
+           {"1,", "is neither a place's number"},
            {"other.png", "is neither a place's number, nor LAT,LON, nor a picture of 'line'"}}) {
     const std::string said = refusal(traversal, goal);
     EXPECT_TRUE(contains(said, why)) << goal << ": " << said;

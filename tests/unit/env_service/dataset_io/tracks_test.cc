@@ -47,6 +47,30 @@ std::string nmea(const std::string& body) {
   return "$" + body + end;
 }
 
+TEST(Tracks, TellHeights) {
+  const Folder folder;
+  const auto heights = [&](const std::string& suffix, const std::string& text) {
+    make_file(folder / ("x" + suffix), text);
+    std::vector<double> found = read_track(folder / ("x" + suffix), kNoon).height;
+    for (double& height : found) height = std::isnan(height) ? -1 : height;
+    return found;
+  };
+  const std::string noon = "2026-06-01T12:00:00Z", later = "2026-06-01T12:00:01Z";
+  EXPECT_EQ(heights(".gpx", gpx(gpx_point(noon) + "<trkpt lat='1' lon='2'><time>" + later + "</time></trkpt>")),
+            (std::vector<double>{3, -1}));
+  EXPECT_EQ(heights(".nmea", nmea("GPGGA,120000.00,0100.0,N,00200.0,E,1,08,0.9,545.4,M,46.9,M,,") +
+                                 nmea("GPGGA,120001.00,0100.0,N,00200.0,E,1,08,0.9,,M,46.9,M,,")),
+            (std::vector<double>{545.4, -1}));
+  const std::string whens = "<when>" + noon + "</when><when>" + later + "</when>";
+  EXPECT_EQ(heights(".kml", "<kml><Track>" + whens + "<coord>2 1 7.5</coord><coord>2 1</coord></Track></kml>"),
+            (std::vector<double>{7.5, -1}));
+  EXPECT_EQ(heights(".geojson",
+                    "{\"type\":\"Feature\",\"geometry\":{\"type\":\"LineString\",\"coordinates\":[[2,1,9],[2,1]]"
+                    "},\"properties\":{\"times\":[\"" +
+                        noon + "\",\"" + later + "\"]}}"),
+            (std::vector<double>{9, -1}));
+}
+
 TEST(Times, AreReadAsTheyAreWritten) {
   for (const auto& [text, seconds] : std::vector<std::pair<const char*, double>>{{"2026-06-01T12:00:00Z", 0},
                                                                                  {"2026-06-01T14:00:00.25+02:00", 0.25},

@@ -165,22 +165,24 @@ TEST(FilmTracks, AreJoinedAtTheStartOrTheEndByTheMotionOfTheFilm) {
                 "</time></trkpt>";
     make_file(folder / "walk.gpx", "<gpx><trk><trkseg>" + points + "</trkseg></trk></gpx>");
   };
-  const auto film = [&](bool steady) {
+  const auto film = [&](double begin) {  // NaN: steady
     cv::VideoWriter writer(folder / "made.avi", cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 10,
                            cv::Size(64, 48));
     for (int i = 0; i < 400; ++i)
-      writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(int(80 * (steady ? i / 10. : moved(60 + i / 10.))) % 200)));
+      writer.write(cv::Mat(48, 64, CV_8UC3,
+                           cv::Scalar::all(int(80 * (std::isnan(begin) ? i / 10. : moved(begin + i / 10.))) % 200)));
     return writer.isOpened();
   };
   const auto load = [&](int creation, double offset = 0) {
-    const std::string command = "ffmpeg -nostdin -v fatal -y -i " + (folder / "made.avi") +
-                                " -c copy -metadata creation_time=" + clock(creation) + " " + (folder / "walk.mp4");
+    const std::string began = creation < 0 ? "" : " -metadata creation_time=" + clock(creation);
+    const std::string command =
+        "ffmpeg -nostdin -v fatal -y -i " + (folder / "made.avi") + " -c copy" + began + " " + (folder / "walk.mp4");
     EXPECT_EQ(std::system(command.c_str()), 0);
     return make_dataset("plain", folder.path(), {{"clock-offset", offset}})->load("walk");
   };
   constexpr double kGone = 48.0025;  // at second 15 of the film, after 20 s and 5 s of going
   track(150);
-  ASSERT_TRUE(film(false));
+  ASSERT_TRUE(film(60));
   {
     const Log log;
     EXPECT_NEAR(load(60).latitude[150], kGone, 2e-5);
@@ -203,7 +205,22 @@ TEST(FilmTracks, AreJoinedAtTheStartOrTheEndByTheMotionOfTheFilm) {
     EXPECT_TRUE(log.has("creation_time is taken as its end, as the track ends")) << log.text();
   }
   track(150);
-  ASSERT_TRUE(film(true));
+  for (const double begin :
+       {58.2, 60.33, 61.7}) {  // its clock is whole seconds off, and more: found to a picture, .1 s
+    ASSERT_TRUE(film(begin));
+    const double there = 48 + 1e-4 * moved(begin + 15);
+    {
+      const Log log;
+      EXPECT_NEAR(load(60).latitude[150], there, 1e-5) << begin;
+      EXPECT_TRUE(log.has("walk: its clock is taken to be")) << log.text();
+    }
+    EXPECT_NEAR(load(100).latitude[150], there, 1e-5) << begin << ", by its end";
+    const Log log;
+    EXPECT_NEAR(load(-1).latitude[150], there, 1e-5) << begin << ", not told";
+    EXPECT_TRUE(log.has("walk: begins ")) << log.text();
+  }
+  ASSERT_TRUE(film(std::nan("")));
+  EXPECT_TRUE(contains(error_of([&] { load(-1); }), "walk.gpx: nothing says which time of it"));
   const Log log;
   EXPECT_NEAR(load(60).latitude[150], kGone, 2e-5);
   EXPECT_TRUE(log.has("if it is, give --plain-clock-offset -40, else .001")) << log.text();

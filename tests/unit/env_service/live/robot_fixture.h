@@ -14,6 +14,7 @@
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/ros2_client.h"
+#include "tests/support/ros2_time.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -32,8 +33,7 @@ class RobotTest : public ::testing::Test {
 
   template <class Header>
   static void stamp(Header& header, double at) {
-    header.stamp().sec(static_cast<std::int32_t>(at));
-    header.stamp().nanosec(static_cast<std::uint32_t>(1e9 * (at - static_cast<std::int32_t>(at))));
+    header.stamp(ros2_clock(at).clock());
   }
 
   static Traversal taught() {
@@ -98,6 +98,7 @@ class RobotTest : public ::testing::Test {
     fix.longitude(longitude);
     world_.publish(topic, fix);
   }
+  void send_time(double at) { world_.publish("/clock", ros2_clock(at)); }
   void send_goal(double x, const std::string& frame = "map") {
     Pose goal;
     goal.header().frame_id(frame);

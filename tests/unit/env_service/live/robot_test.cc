@@ -369,6 +369,78 @@ TEST_F(RobotTest, ClocksThatCannotBeAreToldOnce) {
   EXPECT_EQ(occurrences(log.text(), "/pose: a message is used: it has no stamp: the time of its arrival counts"), 1);
 }
 
+/// A robot whose time comes on /clock, and which drives 2 m in 2 s.
+struct SimulatedTime : RobotTest {
+  RobotOptions simulated() const {
+    RobotOptions result = options();
+    result.ros.use_sim_time = true;
+    result.speed = 1;
+    return result;
+  }
+  /// Returns what it was commanded since the last call, once it has heard the time.
+  std::vector<double> commands_at(double time) {
+    send_time(time);
+    robot.poll(Clock::now());
+    robot.poll(Clock::now());
+    return commands();
+  }
+  Robot robot = make(simulated());
+  const Clock::time_point much_later = Clock::now() + std::chrono::hours(1);
+};
+
+TEST_F(SimulatedTime, ItStandsUntilItIsKnown) {
+  robot.look();
+  send(10, 6);
+  EXPECT_FALSE(seen_by(robot, milliseconds(20)));
+  send_time(10);
+  EXPECT_TRUE(seen_by(robot));
+}
+
+TEST_F(SimulatedTime, NothingIsLateWhileItStandsStill) {
+  send_time(10);
+  robot.look();
+  send(10, 6);
+  ASSERT_TRUE(seen_by(robot));
+  commands();
+  robot.drive(kNext, 3, 4);
+  EXPECT_EQ(commands(), std::vector<double>{1});
+  for (int times = 0; times < 3; ++times) robot.poll(much_later);
+  EXPECT_EQ(commands(), std::vector<double>()) << "a robot's watchdog goes by the same time";
+  EXPECT_EQ(commands_at(11.75), std::vector<double>{1}) << "one may be lost";
+  EXPECT_EQ(commands_at(12.25), std::vector<double>{0}) << "it has driven for 2 s";
+  EXPECT_EQ(robot.trouble(much_later), "");
+  send_time(15);
+  robot.poll(much_later);
+  EXPECT_EQ(robot.trouble(much_later), "") << "2.75 s after it stopped";
+  send_time(15.5);
+  robot.poll(much_later);
+  EXPECT_EQ(robot.trouble(much_later), "nothing comes on /camera/compressed");
+}
+
+TEST_F(SimulatedTime, WhatCameBeforeItWasSetBackIsForgotten) {
+  send_time(10);
+  robot.look();
+  send(10, 6);
+  ASSERT_TRUE(seen_by(robot));
+  robot.look();
+  send_time(8);
+  EXPECT_FALSE(seen_by(robot, milliseconds(20)));
+  send(8, 4);
+  const auto seen = seen_by(robot);
+  ASSERT_TRUE(seen) << "2 s earlier than the last one";
+  EXPECT_EQ(seen->place, 2);
+  EXPECT_EQ(robot.senses().picture_faults().used(), 2u);
+}
+
+TEST_F(SimulatedTime, IsThatOfMessagesWithoutAStamp) {
+  send_time(10);
+  robot.look();
+  send(0, 6);
+  ASSERT_TRUE(seen_by(robot));
+  EXPECT_EQ(robot.senses().picture()->stamp, 10'000'000'000u);
+  EXPECT_EQ(robot.senses().position()->stamp, 10'000'000'000u);
+}
+
 TEST_F(RobotTest, WrongOptionsAreOneClearError) {
   const auto expect = [&](const RobotOptions& wrong, const std::string& text) {
     EXPECT_TRUE(contains(error_of([&] { make(wrong); }), text));

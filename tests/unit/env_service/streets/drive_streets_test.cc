@@ -41,6 +41,22 @@ Drive drive_by(const Corners& corners) {
 /// 5, and 23 and 24: nearest are 4, (-3, 0), and 24, (0, -3). From frame 39 on, (-39, 0), they go east again.
 const Corners kEight{{-43, 0}, {47, 0}, {47, 50}, {0, 50}, {0, -50}, {-46, -50}, {-46, 0}, {-13, 0}};
 
+/// Frames 0 to 10 go east to (47, 0), 11 to 20 back 4 m beside: nearest to (-49, 4) is (-53, 0).
+const Corners kEastAndBack{{-53, 0}, {47, 0}, {47, 4}, {-53, 4}}, kNorthAndBack{{0, -53}, {0, 47}, {4, 47}, {4, -53}};
+
+/// One drive after the other.
+Drive drives_by(const std::vector<Corners>& ways) {
+  Drive all;
+  for (const Corners& way : ways) {
+    const Drive one = drive_by(way);
+    all.begins.push_back(static_cast<int>(all.east.size()));
+    all.east.insert(all.east.end(), one.east.begin(), one.east.end());
+    all.north.insert(all.north.end(), one.north.begin(), one.north.end());
+    all.along.insert(all.along.end(), one.along.begin(), one.along.end());
+  }
+  return all;
+}
+
 std::vector<std::string> meetings_of(const DriveStreets& streets) {
   std::vector<std::string> lines = streets.description();
   lines.erase(lines.begin());
@@ -93,6 +109,24 @@ TEST(DriveStreets, ABridgeDoesNotMeetWhatIsBelow) {
   EXPECT_EQ(meetings_of(streets_of(drive, "drive")).size(), 2u);
   for (double& height : drive.height) height = std::nan("");
   EXPECT_EQ(meetings_of(streets_of(drive, "drive")).size(), 2u);
+}
+
+TEST(DriveStreets, HeightsOfAReceiverTellHighBridgesOfOneDriveAlone) {
+  Drive drive = drive_by(kEight);
+  drive.receiver = 5;
+  drive.height.assign(drive.east.size(), 100);
+  for (std::size_t frame = 20; frame < 28; ++frame) drive.height[frame] = 111;
+  for (std::size_t frame = 39; frame < 42; ++frame) drive.height[frame] = 120;  // it drifts: the street is the same
+  EXPECT_EQ(streets_of(drive, "drive").map.places(), 39u);  // no junction: the eight is a ring of 39 frames
+  EXPECT_EQ(meetings_of(streets_of(drive, "drive")),
+            std::vector<std::string>{"streets: frames 39 to 41 run along frames 0 to 2 (0 degrees)"});
+  for (std::size_t frame = 20; frame < 28; ++frame) drive.height[frame] = 109;
+  EXPECT_EQ(meetings_of(streets_of(drive, "drive")).size(), 2u);
+  Drive days = drives_by({kEastAndBack, kNorthAndBack});
+  days.receiver = 5;
+  days.height.assign(42, 100);
+  std::fill_n(days.height.begin(), 21, 130);  // of another day
+  EXPECT_EQ(streets_of(days, "drives").map.places(), 21u);
 }
 
 TEST(DriveStreets, AStreetThereAndBackIsSeenInBothDirections) {
@@ -155,6 +189,51 @@ TEST(DriveStreets, WhatNoWayComesBackToIsLeftOut) {
   EXPECT_EQ(shown(streets, 34, 36), 34);
 }
 
+TEST(DriveStreets, TwoDrivesThatCrossHaveOneJunctionWithFourArms) {
+  // The way north crosses that east at (0, 0), nearest to its frame 5, which is 26, and to frame 5 of the way east.
+  const DriveStreets streets = streets_of(drives_by({kEastAndBack, kNorthAndBack}), "drives");
+  EXPECT_EQ(
+      streets.description(),
+      (std::vector<std::string>{
+          "streets: places 21, links 40, junctions 1, dead ends 4, one-way links 0; frames left out: 2, of which 0 are "
+          "at places that cannot be reached from the others, or not left for them, and 0 at unknown places",
+          "streets: frames 11 to 20 run along frames 9 to 0 (180 degrees)",
+          "streets: frame 26 meets frame 5 (90 degrees)",
+          "streets: frames 32 to 41 run along frames 30 to 21 (180 degrees)"}));
+  EXPECT_EQ(streets.places[26], streets.places[5]);
+  for (const std::size_t arm : {4, 6, 25, 27}) {
+    EXPECT_NE(shown(streets, 5, arm), -1) << arm;
+    EXPECT_NE(shown(streets, arm, 5), -1) << arm;
+  }
+  EXPECT_EQ(shown(streets, 25, 5), 25);
+  EXPECT_EQ(shown(streets, 5, 27), 26);  // as the drive north saw it, and not the one east
+}
+
+TEST(DriveStreets, TwoDrivesMayCloseARingThatNeitherDoes) {
+  // The second one begins on the last 14 m of the first, and ends on its first 6 m: its frames 0, 1, 2, 21 and 22, at
+  // (100, 14), (100, 4), (100, -6), (0, -4) and (0, 6), are on the first one's way.
+  const Corners north{{0, 0}, {0, 100}, {100, 100}, {100, 0}}, south{{100, 14}, {100, -50}, {0, -50}, {0, 14}};
+  EXPECT_NE(error_of([&] { streets_of(drive_by(north), "north"); }), "");
+  EXPECT_NE(error_of([&] { streets_of(drive_by(south), "south"); }), "");
+  const DriveStreets ring = streets_of(drives_by({north, south}), "ring");
+  EXPECT_TRUE(
+      ring.description()[0].starts_with("streets: places 49, links 49, junctions 0, dead ends 0, one-way links 49;"));
+  EXPECT_EQ(ring.apart, 0);
+}
+
+TEST(DriveStreets, ADriveThatMeetsNoOtherIsLeftOut) {
+  Corners far = kEastAndBack, once{{20, -203}, {20, 197}};
+  for (auto& [east, north] : far) north += 1000;
+  far[1].first = far[2].first = 27;  // shorter than the others
+  const DriveStreets streets = streets_of(drives_by({far, kEastAndBack, kNorthAndBack, once}), "drives");
+  EXPECT_EQ(streets.map.places(), 21u);
+  EXPECT_EQ(streets.map.links(), 40u);
+  for (std::size_t frame = 0; frame < 17; ++frame) EXPECT_EQ(streets.places[frame], -1) << frame;
+  // Who turns into the way of the last one cannot come back: only its frame at the crossing is at a place.
+  EXPECT_EQ(std::count(streets.places.begin() + 17 + 42, streets.places.end(), -1), 40);
+  EXPECT_EQ(streets.apart, 17 + 40);
+}
+
 TEST(DriveStreets, ADriveThatNeverComesBackHasNone) {
   const auto told = [](const Drive& drive) { return error_of([&] { streets_of(drive, "day"); }); };
   EXPECT_EQ(told(drive_by({{0, 0}, {300, 0}, {300, 300}})),
@@ -215,6 +294,92 @@ TEST_F(RecordedStreets, ASiblingWalksOnTheMapThatItIsAlignedTo) {
   EXPECT_EQ(night.streets->hash(), day.streets->hash());
   EXPECT_EQ(night.features, day.features);
   EXPECT_NE(load("night", StateRule::kStreet).streets->hash(), day.streets->hash());
+}
+
+/// Two drives that cross, by day and at night, when they were a little beside. Row r of the n-th table is n, r.
+class JoinedStreets : public ::testing::Test {
+ protected:
+  JoinedStreets() {
+    write("monday", 0, kEastAndBack, 0);
+    write("tuesday", 1, kNorthAndBack, 0);
+    write("monday-night", 2, kEastAndBack, 1.25);
+    write("tuesday-night", 3, kNorthAndBack, 1.25);
+  }
+  void write(const std::string& name, int number, const Corners& corners, double off) const {
+    const Drive drive = drive_by(corners);
+    std::string rows, poses = "x,y\n";
+    for (std::size_t i = 0; i < drive.east.size(); ++i) {
+      rows += std::to_string(number) + "," + std::to_string(i) + "\n";
+      poses += std::to_string(drive.east[i] + off) + "," + std::to_string(drive.north[i] - off) + "\n";
+    }
+    make_file(folder_ / (name + ".csv"), rows);
+    make_file(folder_ / (name + ".poses.csv"), poses);
+  }
+  Traversal load(const std::string& name, const Selection& selection = {},
+                 std::optional<StateRule> rule = StateRule::kStreet) const {
+    const auto dataset = make_dataset("plain", folder_.path());
+    dataset->walk_by(rule);
+    return select(*dataset, name, selection);
+  }
+  std::string refusal(const std::string& name, const Selection& selection = {}) const {
+    return error_of([&] { load(name, selection); });
+  }
+  Folder folder_;
+};
+
+TEST_F(JoinedStreets, ShowTheFramesOfAllRecordings) {
+  const Traversal week = load("monday+tuesday");
+  EXPECT_EQ(week.name, "monday+tuesday");
+  EXPECT_EQ(week.states()->places(), 21);
+  EXPECT_EQ(week.frames, 40);
+  const DriveStreets streets = streets_of(drives_by({kEastAndBack, kNorthAndBack}), "drives");
+  for (int state = 0; state < week.frames; ++state) {
+    const int frame = streets.shown[static_cast<std::size_t>(state)];
+    EXPECT_EQ(week.feature(state)[0], frame < 21 ? 0 : 1);
+    EXPECT_EQ(week.feature(state)[1], static_cast<float>(frame < 21 ? frame : frame - 21));
+  }
+}
+
+TEST_F(JoinedStreets, OfAnotherSeasonHaveTheSamePlaces) {
+  const Traversal day = load("monday+tuesday");
+  const Traversal night = load("monday-night+tuesday-night", {.align = "monday+tuesday", .by = "index"});
+  EXPECT_EQ(night.streets->hash(), day.streets->hash());
+  for (int state = 0; state < day.frames; ++state) {
+    EXPECT_EQ(night.feature(state)[0], day.feature(state)[0] + 2);
+    EXPECT_EQ(night.feature(state)[1], day.feature(state)[1]);
+  }
+}
+
+TEST_F(JoinedStreets, SayWhyTheyCannotBeJoined) {
+  EXPECT_EQ(error_of([&] { load("monday+tuesday", {}, {}); }),
+            "--traversal monday+tuesday: joins recordings to streets (add --rule street, or name one of them)");
+  EXPECT_EQ(refusal("monday+monday"), "--traversal monday+monday: names a recording twice (name each once)");
+  EXPECT_TRUE(holds(refusal("monday+sunday"), "no traversal 'sunday' (there are: monday, monday-night, tuesday"));
+  EXPECT_EQ(refusal("monday-night+tuesday-night", {.align = "monday"}),
+            "--align-to: names 1 of 2 recordings (name one for each of --traversal, in the same order, with + between "
+            "them)");
+  EXPECT_EQ(refusal("monday+tuesday", {.first = 3}),
+            "--frames or --metres: cuts one recording (leave it out, or name one with --traversal)");
+  make_file(folder_ / "short.csv", "1,2,3\n4,5,6\n");
+  make_file(folder_ / "short.poses.csv", "x,y\n0,0\n10,0\n");
+  EXPECT_EQ(
+      refusal("monday+short"),
+      "traversal 'monday+short': one has pictures or features that the other lacks (join recordings of one kind)");
+  write(std::string(50, 'a'), 4, kEastAndBack, 0);
+  EXPECT_TRUE(holds(refusal("monday+tuesday+" + std::string(50, 'a')), "the name may have 64 characters"));
+  Corners home = kEastAndBack;
+  for (auto& [east, north] : home) east += 53;
+  write("odometry", 5, home, 0);
+  write("odometry2", 6, home, 0);
+  EXPECT_EQ(refusal("odometry+odometry2"),
+            "traversal 'odometry+odometry2': each begins at 0, 0 of a plane of its own (join recordings with latitude "
+            "and longitude, or in one plane)");
+  std::filesystem::remove(folder_ / "monday.poses.csv");
+  EXPECT_EQ(refusal("monday+tuesday"),
+            "traversal 'monday+tuesday': one of them has no latitude and longitude, and one no places in a plane (join "
+            "recordings with latitude and longitude, or in one plane)");
+  make_file(folder_ / "monday+tuesday.csv", "1,2\n3,4\n");  // a file may be called so
+  EXPECT_EQ(load("monday+tuesday", {}, {}).frames, 2);
 }
 
 TEST_F(RecordedStreets, NeedPlacesInAPlaneOrOnTheEarth) {

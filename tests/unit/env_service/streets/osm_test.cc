@@ -3,6 +3,7 @@
 #include <set>
 
 #include "core/files/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/selection.h"
 #include "env_service/streets/street_graph.h"
 #include "tests/paths.h"
@@ -201,6 +202,39 @@ void write_drive(const Folder& folder, const std::string& name, const std::vecto
   }
   make_file(folder / (name + ".csv"), features);
   make_file(folder / (name + ".poses.csv"), poses);
+}
+
+/// Two recordings of three frames, there and back along a street of 10 m.
+class Counted : public FolderDataset {
+ public:
+  explicit Counted(const std::string& folder) : FolderDataset("plain", folder, "recordings") {}
+  std::vector<std::string> names() override { return {"day", "night"}; }
+  int reads = 0;
+
+ private:
+  Traversal read(const std::string& name) override {
+    ++reads;
+    Traversal traversal = unfilled(name, 3, folder_);
+    locate(traversal, {0, 0, 0}, {0, 0.00009, 0});
+    traversal.dimension = 1;
+    traversal.features = {1, 2, 3};
+    return traversal;
+  }
+};
+
+TEST_F(Osm, RecordingsAreReadOnceToFindWhatTheyShow) {
+  OsmText street;
+  street.node(1, 0, 0).node(2, 10, 0).way({1, 2}, "highway=residential");
+  make_file(folder_ / "town.osm", street.text());
+  Counted checked(folder_.path()), hosted(folder_.path());
+  ASSERT_NE(checked.streets(), nullptr);
+  for (const std::string& name : checked.names()) checked.load(name);
+  EXPECT_EQ(checked.describe_streets().back(),
+            "streets: 2 links, shown by day 2, night 2, all 2, of these there and back 2");
+  EXPECT_EQ(checked.reads, 2);
+  hosted.walk_by(StateRule::kStreet);
+  EXPECT_EQ(hosted.load("day").frames, 2);
+  EXPECT_EQ(hosted.reads, 2);
 }
 
 TEST_F(Osm, LinksShowWhatWasRecordedThere) {

@@ -9,6 +9,7 @@
 
 #include "core/files/files.h"
 #include "core/util/error.h"
+#include "policy_service/network/trained_agent.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"
 
@@ -51,6 +52,15 @@ TEST_F(CheckpointFile, ComesBackAsItWas) {
 TEST_F(CheckpointFile, OfARemovedAgentSaysWhatToDo) {
   checkpoint_.header = {{"agent", "place_memory"}};
   EXPECT_TRUE(holds(error_of([&] { trained_agent(checkpoint_); }), "train place_filter on the same data"));
+}
+
+TEST_F(CheckpointFile, OfAnEarlierPlaceFilterActsAsItDid) {
+  checkpoint_.header = {{"agent", "place_filter"}, {"task", {{"features", 4}, {"frames", 9}, {"first_frame", 0}}}};
+  checkpoint_.header["network"] = {{"slip", -1}, {"kidnap", -1}, {"units", 5}};
+  checkpoint_.tensors["reference"] = checkpoint_.tensors["learner.parameters"] = Matrix<float>(0, 0);
+  EXPECT_EQ(unbuilt_agent(checkpoint_).network_parameters.at("slips-limit-tempering"), 0);
+  checkpoint_.header["network"]["slips-limit-tempering"] = 1;
+  EXPECT_EQ(unbuilt_agent(checkpoint_).network_parameters.at("slips-limit-tempering"), 1);
 }
 
 TEST_F(CheckpointFile, IsRefusedWhenAnyByteChanged) {

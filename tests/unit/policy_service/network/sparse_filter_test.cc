@@ -214,7 +214,7 @@ TEST(SparseFilter, HasAStateOfOneSizeAndBearsAnyNumbersInIt) {
   Route<float> route(2048, 8);
   const auto network = route.network(kSparsePlaces, {});
   EXPECT_EQ(network->state_size(), SparseBelief<float>::kStateSize);
-  EXPECT_EQ(Route<float>(2047, 8).network(kSparsePlaces, {})->state_size(), 2048);
+  EXPECT_EQ(Route<float>(2047, 8).network(kSparsePlaces, {})->state_size(), 2049);
   Vector<float> parameters;
   network->initialise(route.random, parameters);
   NetworkInputs<float> inputs;
@@ -227,6 +227,63 @@ TEST(SparseFilter, HasAStateOfOneSizeAndBearsAnyNumbersInIt) {
     EXPECT_TRUE(work->heads.logits.allFinite() && work->state.allFinite());
     EXPECT_NEAR(network->belief(work->state.col(0)).array().exp().sum(), 1, 1e-3);
   }
+}
+
+/// An agent that has reached its goal knows where it is, whatever it believed and sees.
+TEST(PlaceFilter, KnowsItsPlaceAtEachOfSeveralGoals) {
+  Route<double> route(50, 8);
+  for (const int sparse_from : {kNever, 0})
+    for (const bool carried : {false, true}) {  // the arrival is the first step of a call, or its second
+      const auto network = route.network(sparse_from, {{"slip", 0.1}});
+      Vector<double> parameters;
+      network->initialise(route.random, parameters);
+      const auto work = network->make_workspace();
+      Matrix<double> state = Matrix<double>::Zero(network->state_size(), 1);
+      NetworkInputs<double> inputs;
+      const auto begin = [&](int steps) {
+        inputs.resize(8, steps, 1);
+        inputs.frames = 50;
+      };
+      begin(carried ? 1 : 2);
+      route.show(inputs, 0, 30, 20, kNoAction, true, 0);
+      if (carried) {
+        network->forward(parameters, inputs, state, *work);
+        state = work->state;
+        begin(1);
+      }
+      route.show(inputs, carried ? 0 : 1, 35, 10, kPrevious, false, 0);  // seen: another place than it is at
+      network->forward(parameters, inputs, state, *work);
+      Vector<double> belief = network->belief(work->state.col(0)).array().exp();
+      belief /= belief.sum();
+      EXPECT_NEAR(belief(20), 1, 1e-6) << sparse_from << carried;
+    }
+}
+
+/// On streets it is known with which heading one came, if that was believed.
+TEST(SparseFilter, OnStreetsKnowsItsPlaceAtEachOfSeveralGoals) {
+  const Traversal traversal = streets_traversal();
+  const PlaceKeys<float> keys(Eigen::Map<const Matrix<float>>(traversal.features.data(), 16, 13), 16, 13, true);
+  SparseFilter<float> filter(keys, Motion<float>(0, 0), small_states());
+  const Matrix<float> features = Matrix<float>::Zero(16, 1);
+  SparseBelief<float> before;
+  before.places = {2, 7};  // at place 1 facing 2, or at 3
+  before.shares = {0.25f, 0.75f};
+  before.elsewhere = 0;
+  before.goal = 2;
+  SparseStep<float> step;
+  step.before = &before;
+  step.goal = 0;
+  step.action = kForward;
+  step.allowed = 0b111;
+  step.repeated = true;
+  filter.advance(features, 13, 16, 0, {&step, 1});
+  EXPECT_EQ(step.after.places, std::vector<int>{5}) << "forward from 2";
+  EXPECT_EQ(step.after.goal, 0);
+  before.places = {7};  // which leads elsewhere
+  before.shares = {1};
+  filter.advance(features, 13, 16, 0, {&step, 1});
+  EXPECT_EQ(step.after.places, (std::vector<int>{4, 5, 6})) << "any heading at place 2";
+  for (const float share : step.after.shares) EXPECT_FLOAT_EQ(share, 1 / 3.0f);
 }
 
 TEST(StreetVotes, KnowWhereTheShortestWayBegins) {

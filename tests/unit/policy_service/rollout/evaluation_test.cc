@@ -58,6 +58,28 @@ TEST(EvaluatedTasks, KeepEachTaskInItsColumn) {
   EXPECT_TRUE(tasks.batches().empty());
 }
 
+TEST(EvaluatedTasks, KnowWhatWasSeenInEarlierOnesWhereNobodyNumbersThem) {
+  for (const bool numbered : {false, true}) {
+    EvaluatedTasks tasks;
+    if (numbered) tasks.begin(0, {});
+    msg::Observation seen;
+    const auto see = [&](int agent, float one, float other) {
+      Vector<float> features = Eigen::Vector2f(one, other);
+      tasks.normalise(FeatureNormaliser(), agent, features);
+      return tasks.total().numbers();
+    };
+    seen.flags().assign(2, msg::FLAG_FIRST);
+    tasks.follow(seen);
+    EXPECT_EQ(see(0, 1, 0), Eigen::Vector3f(1, 0, 1));
+    EXPECT_EQ(see(1, 0, 4), Eigen::Vector3f(0, 4, 1)) << "not what others see in a task that goes on";
+    seen.flags()[1] = 0;
+    tasks.follow(seen);
+    EXPECT_EQ(see(1, 0, 4), numbered ? Eigen::Vector3f(0, 8, 2) : Eigen::Vector3f(1, 8, 3));
+    EXPECT_EQ(see(0, 2, 0), numbered ? Eigen::Vector3f(2, 0, 1) : Eigen::Vector3f(3, 0, 2));
+    EXPECT_EQ(tasks.seen().size(), numbered ? 3u : 2u) << "what is known is kept once";
+  }
+}
+
 constexpr int kTasks = 60;
 
 struct Walk {

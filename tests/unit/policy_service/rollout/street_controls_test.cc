@@ -26,10 +26,10 @@ struct Walked {
 };
 
 /// Evaluates a control on 40 tasks, each of at most 3 times its fewest steps.
-Walked walk(const std::string& name, const Traversal& traversal, float radius = 0, double slip = 0) {
+Walked walk(const std::string& name, const Traversal& traversal, float radius = 0, double slip = 0, int goals = 1) {
   Imperfections imperfections;
   imperfections.slip = slip;
-  Environment environment(traversal, 5, imperfections);
+  Environment environment(traversal, 5, imperfections, goals);
   msg::TaskSettings with = settings(msg::EVALUATE, static_cast<std::uint32_t>(traversal.frames), 1000);
   with.tasks() = 40;
   with.max_detour() = 3;
@@ -66,6 +66,21 @@ TEST(StreetControls, WalkTheFewestStepsWhereTheyKnowTheirState) {
   const Walked slipping = walk("sequence_filter", streets_traversal(), 0, 0.2);
   EXPECT_GT(slipping.completed, 0.6);
   EXPECT_LT(slipping.spl, 1);
+}
+
+TEST(StreetControls, WalkThroughSeveralGoals) {
+  for (const StateRule rule : {StateRule::kStreet, StateRule::kStreetFixed, StateRule::kStreetLearn})
+    for (const float radius : {0.0f, 10.0f}) {
+      const Traversal traversal = streets_traversal(small_streets(), rule);
+      const auto courier = [&](const char* name) { return walk(name, traversal, radius, 0, 3); };
+      // These two know which goal is next, and so with which heading to arrive.
+      EXPECT_NEAR(courier("shortest_path").spl, 1, 1e-9);
+      EXPECT_NEAR(courier("oracle_filter").spl, 1, 1e-9);
+      const Walked seeing = courier("sequence_filter");
+      EXPECT_NEAR(seeing.completed, 1, 1e-9);
+      EXPECT_GT(seeing.spl, 0.9);
+      EXPECT_LT(courier("blind").spl, seeing.spl - 0.1);
+    }
 }
 
 TEST(StreetControls, BlindGoesToTheNearestPlaceWhereItHasNotBeen) {

@@ -13,6 +13,7 @@
 #include "tests/support/files.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/ros2_client.h"
+#include "tests/support/ros2_time.h"
 #include "tests/support/text.h"
 #include "tools/robot/simulated_robot.h"
 
@@ -34,6 +35,7 @@ class Teaching : public ::testing::Test {
   /// Drives the robot by a clock of the test's own.
   void drive(
       SimulatedRobot& robot, double seconds, const std::function<void()>& each = [] {}) {
+    now_ = std::max(now_, robot.due());  // it was made later than the test
     for (const Clock::time_point end =
              now_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
          now_ < end; now_ += std::chrono::milliseconds(5)) {
@@ -55,7 +57,7 @@ TEST_F(Teaching, AFrameEveryFewMetresWithItsPlace) {
   robot_.drive = 5;
   robot_.lost = robot_.repeated = robot_.late = 0.1;
   SimulatedRobot robot(robot_, world);
-  drive(robot, 5, [&] { teacher.poll(); });
+  drive(robot, 5, [&] { teacher.poll(now_); });
   EXPECT_TRUE(robot.at_end());
   EXPECT_GE(teacher.frames(), 8) << "20 m, 2 m apart";
   EXPECT_LE(teacher.frames(), 11);
@@ -66,6 +68,36 @@ TEST_F(Teaching, AFrameEveryFewMetresWithItsPlace) {
   EXPECT_TRUE(poses.starts_with("file,x,y,time\n000000.png,0.0")) << poses;
   EXPECT_EQ(occurrences(poses, "\n"), teacher.frames() + 1);
   EXPECT_THROW(Teacher(teach_, ears), Error) << "a traversal is never overwritten";
+}
+
+TEST_F(Teaching, TimeMayBeThatOfASimulator) {
+  Ros2Options simulated = ros_;
+  simulated.use_sim_time = true;
+  Ros2Participant player(ros_, "player", nullptr), world(simulated, "world", nullptr),
+      ears(simulated, "teach", nullptr);
+  Teacher teacher(teach_, ears);
+  robot_.drive = 5;
+  SimulatedRobot robot(robot_, world);
+  const Clock::time_point much_later = now_ + std::chrono::hours(1);
+  const auto advance = [&] {
+    world.poll();
+    robot.advance(now_);
+    ears.poll();
+    teacher.poll(now_);
+  };
+  advance();
+  EXPECT_EQ(robot.pictures(), 0u) << "no time is known";
+  for (int time = 0; time <= 4'100; time += 5) {
+    player.publish("/clock", ros2_clock(100 + 1e-3 * time));
+    advance();
+    if (time == 2'000) now_ = much_later;  // it is paused
+  }
+  EXPECT_TRUE(robot.at_end()) << "20 m at 5 m/s";
+  EXPECT_GE(teacher.frames(), 9) << "2 m apart";
+  EXPECT_EQ(teacher.shortcomings(), std::vector<std::string>());
+  EXPECT_EQ(teacher.trouble(much_later + std::chrono::hours(1)), "");
+  EXPECT_TRUE(contents(folder_ / "route/summer.poses.csv").starts_with("file,x,y,time\n000000.png,0.000000000,"));
+  EXPECT_TRUE(contains(contents(folder_ / "route/summer.poses.csv"), ",100.")) << "the simulator's seconds";
 }
 
 TEST_F(Teaching, NothingIsLeftOfARouteWithoutFrames) {
