@@ -21,6 +21,7 @@ std::size_t ros2_gid_bytes(const std::string& distro) {
 Bytes encode_ros2(const Ros2Node& node, std::size_t gid_bytes) {
   Bytes bytes;
   CdrWriter writer(bytes);
+  bytes.reserve(1024);  // without it GCC 12 warns, wrongly, of copying from nothing
   const auto write_gid = [&](const Guid& guid) {
     writer("", guid);
     bytes.resize(bytes.size() + gid_bytes - guid.size());
