@@ -97,7 +97,7 @@ class Learned(ClearErrors):
             for _ in range(50):
                 np.testing.assert_array_equal(observations["goal"], place)
                 observations, *_ = env.step(env.action_space.sample())
-        self.expect(ValueError, "goal_place 0.01,0: no place is within 50 m: the nearest, frame 8 at ",
+        self.expect(ValueError, "goal_place 0.01,0: no place is within 50 m: the nearest, place 4 at ",
                     citylearn.VectorEnv, data=self.folder, traversal="day", goal_place=(0.01, 0))
 
     def test_models_walk_likewise_and_place_filter_has_none(self):
