@@ -169,6 +169,7 @@ void GpsRows::add(double time, double north, double east, double up) {
 
 void locate(Traversal& traversal, const GpsRows& rows, double reach) {
   GpsRows checked = rows, kept;
+  fill_heights(checked.height);
   const std::vector<std::size_t> jumps = forget_impossible(
       {checked.latitude, checked.longitude, rows.times, true, rows.log, "GPS fixes",
        [&](std::size_t row) { return fmt::format("{:.0f} s into the log", rows.times[row] - rows.times[0]); }, false});
@@ -179,7 +180,7 @@ void locate(Traversal& traversal, const GpsRows& rows, double reach) {
     if (std::find(jumps.begin(), jumps.end(), row) != jumps.end())
       kept.add((kept.times.back() + rows.times[row]) / 2, kUnknown, kUnknown);
     kept.add(rows.times[row], checked.latitude[row], checked.longitude[row],
-             rows.height.empty() ? kUnknown : rows.height[row]);
+             checked.height.empty() ? kUnknown : checked.height[row]);
   }
   traversal.height = interpolate(kept.times, kept.height, traversal.times, reach);
   locate(traversal, interpolate(kept.times, kept.latitude, traversal.times, reach),

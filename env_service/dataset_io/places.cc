@@ -201,6 +201,20 @@ class DriveCheck {
 
 std::vector<std::size_t> forget_impossible(const Places& places) { return DriveCheck(places).check(); }
 
+void fill_heights(std::vector<double>& metres) {
+  std::vector<std::size_t> known;
+  for (std::size_t i = 0; i < metres.size(); ++i)
+    if (is_height(metres[i])) known.push_back(i);
+  if (known.empty()) return metres.clear();
+  std::fill_n(metres.begin(), known.front(), metres[known.front()]);
+  for (std::size_t k = 0; k + 1 < known.size(); ++k) {
+    const std::size_t from = known[k], to = known[k + 1];
+    for (std::size_t i = from + 1; i < to; ++i)
+      metres[i] = std::lerp(metres[from], metres[to], static_cast<double>(i - from) / static_cast<double>(to - from));
+  }
+  std::fill(metres.begin() + static_cast<std::ptrdiff_t>(known.back()), metres.end(), metres[known.back()]);
+}
+
 void forget_impossible(Traversal& traversal, const std::string& folder) {
   const std::string where = folder + ": traversal '" + traversal.name + "'";
   const auto name = [&traversal](std::size_t row) {

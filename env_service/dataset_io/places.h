@@ -31,7 +31,14 @@ struct Places {
 /// earth, when all are in radians, when more than a quarter cannot be, or when it jumps by 30 km or more than 3 times.
 std::vector<std::size_t> forget_impossible(const Places& places);
 
-/// Does so for a traversal as it was read, and measures its positions anew where they came from such places.
+/// Returns whether there may be a place on the earth at such a height, in metres.
+constexpr bool is_height(double metres) { return metres > -500 && metres < 10000; }
+/// Replaces heights that are unknown, or none, by what is between those known before and after; empties them where none
+/// is known.
+void fill_heights(std::vector<double>& metres);
+
+/// Forgets impossible places of a traversal as it was read, and measures its positions anew where they came from such
+/// places.
 void forget_impossible(Traversal& traversal, const std::string& folder);
 
 }  // namespace citylearn

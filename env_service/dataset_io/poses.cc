@@ -82,7 +82,13 @@ void read_poses(const std::string& path, Traversal& traversal) {
     traversal.longitude = column("lon");
     traversal.positions = metres_along(traversal.latitude, traversal.longitude);
   }
-  if (table.has("z")) traversal.height = column("z");
+  if (table.has("z")) {
+    for (int row = 0; row < table.rows(); ++row)
+      if (const double z = number(row, "z"); !std::isnan(z) && !is_height(z))
+        table.fail(row, "not a height in metres", "leave z empty where it is unknown");
+    traversal.height = column("z");
+    fill_heights(traversal.height);
+  }
   const bool in_plane = table.has("x") || table.has("y");
   if (in_plane) {
     traversal.x = column("x");

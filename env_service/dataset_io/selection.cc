@@ -157,13 +157,16 @@ void walk_on_streets(Traversal& traversal, const Traversal& driven, std::optiona
   show_along_links(traversal, std::make_shared<const StreetMap>(std::move(streets.map)), streets.shown);
 }
 
-/// Returns the recordings that a name joins, "monday+tuesday"; one where it is the name of one.
-std::vector<std::string> joined_by(Dataset& dataset, const std::string& name) {
+/// Returns the recordings that an option's name joins, "monday+tuesday"; one where it is the name of one.
+std::vector<std::string> joined_by(Dataset& dataset, const std::string& option, const std::string& name) {
   if (name.find('+') == name.npos) return {name};
   const std::vector<std::string> known = dataset.names();
   if (std::find(known.begin(), known.end(), name) != known.end()) return {name};
   std::vector<std::string> names;
   for (const std::string_view part : split(name, '+')) names.emplace_back(part);
+  const std::set<std::string> once(names.begin(), names.end());
+  if (once.contains("")) throw Error("names nothing beside a +", option + " " + name, "name a recording on both sides");
+  if (once.size() < names.size()) throw Error("names a recording twice", option + " " + name, "name each once");
   return names;
 }
 
@@ -177,7 +180,6 @@ Traversal recorded(Dataset& dataset, const std::string& name, const Selection& s
   if (selection.align.empty()) {
     frames = cut(traversal, selection);
   } else {
-    if (selection.align == traversal.name) throw Error("is the traversal itself", "--align-to", "name a sibling");
     sibling = dataset.load(selection.align);
     places = cut(*sibling, selection);
     frames = aligned(dataset, traversal, *sibling, places, selection, unmatched);
@@ -200,11 +202,8 @@ Traversal recorded(Dataset& dataset, const std::string& name, const Selection& s
 /// Throws Error unless these recordings can be joined, each aligned to the sibling of its number.
 void check_join(Dataset& dataset, const std::string& name, const std::vector<std::string>& names,
                 const std::vector<std::string>& siblings, const Selection& selection) {
-  const std::string where = "--traversal " + name;
   if (!dataset.on_streets())
-    throw Error("joins recordings to streets", where, "add --rule street, or name one of them");
-  if (std::set(names.begin(), names.end()).size() < names.size())
-    throw Error("names a recording twice", where, "name each once");
+    throw Error("joins recordings to streets", "--traversal " + name, "add --rule street, or name one of them");
   if (siblings.size() != names.size())
     throw Error(fmt::format("names {} of {} recordings", siblings.size(), names.size()), "--align-to",
                 "name one for each of --traversal, in the same order, with + between them");
@@ -217,9 +216,10 @@ void check_join(Dataset& dataset, const std::string& name, const std::vector<std
 
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
   check(selection);
-  const std::vector<std::string> names = joined_by(dataset, name);
+  const std::vector<std::string> names = joined_by(dataset, "--traversal", name);
   std::vector<std::string> siblings(names.size());
-  if (!selection.align.empty()) siblings = joined_by(dataset, selection.align);
+  if (!selection.align.empty()) siblings = joined_by(dataset, "--align-to", selection.align);
+  if (siblings == names) throw Error("is the traversal itself", "--align-to", "name a sibling");
   if (names.size() > 1 || siblings.size() > 1) check_join(dataset, name, names, siblings, selection);
   std::optional<Traversal> traversal, driven;
   const auto add = [](std::optional<Traversal>& all, Traversal& one) {

@@ -181,5 +181,28 @@ TEST(ImpossiblePlaces, ALogIsCleanedBeforeFramesAreBetweenItsRows) {
     EXPECT_NEAR(traversal.positions[static_cast<std::size_t>(frame)], step * frame, 0.01) << frame;
 }
 
+TEST(Heights, UnknownOnesAreBetweenThoseAround) {
+  const double unknown = std::nan("");
+  std::vector<double> heights{unknown, 100, -9999, unknown, 130, 1e30};
+  fill_heights(heights);
+  EXPECT_EQ(heights, (std::vector<double>{100, 100, 110, 120, 130, 130}));
+  heights = {unknown, -9999};
+  fill_heights(heights);
+  EXPECT_TRUE(heights.empty());
+}
+
+TEST(Heights, OfATableMayBeEmptyButNotNonsense) {
+  Folder folder;
+  make_file(folder / "day.csv", "1\n2\n3\n");
+  const auto load = [&](const std::string& poses) {
+    make_file(folder / "day.poses.csv", poses);
+    return make_dataset("plain", folder.path())->load("day");
+  };
+  EXPECT_EQ(load("x,y,z\n0,0,\n3,0,\n6,0,\n").positions, (std::vector<float>{0, 3, 6}));
+  EXPECT_EQ(load("x,y,z\n0,0,1\n3,0,\n6,0,9\n").positions, (std::vector<float>{0, 5, 10}));  // 3 on and 4 up
+  EXPECT_EQ(error_of([&] { load("x,y,z\n0,0,1\n3,0,-9999\n6,0,9\n"); }),
+            (folder / "day.poses.csv") + ":3: not a height in metres (leave z empty where it is unknown)");
+}
+
 }  // namespace
 }  // namespace citylearn::testing

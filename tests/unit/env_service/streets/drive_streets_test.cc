@@ -233,7 +233,7 @@ TEST(DriveStreets, ADriveThatMeetsNoOtherIsLeftOut) {
 TEST(DriveStreets, ADriveThatNeverComesBackHasNone) {
   const auto told = [](const Drive& drive) { return error_of([&] { streets_of(drive, "day"); }); };
   EXPECT_EQ(told(drive_by({{0, 0}, {300, 0}, {300, 300}})),
-            "day: never comes back to within 8.0 m of where it was (it is a line: leave out --rule)");
+            "day: never crosses its earlier way, nor runs along it within 8.0 m (it is a line: leave out --rule)");
   // Two carriageways, 20 m apart, are two streets.
   EXPECT_NE(told(drive_by({{0, 0}, {300, 0}, {300, 20}, {0, 20}})), "");
   EXPECT_EQ(told(drive_at({5, 5, 5}, {1, 1, 1})),
@@ -344,12 +344,19 @@ TEST_F(JoinedStreets, OfAnotherSeasonHaveTheSamePlaces) {
     EXPECT_EQ(night.feature(state)[0], day.feature(state)[0] + 2);
     EXPECT_EQ(night.feature(state)[1], day.feature(state)[1]);
   }
+  const Selection half{.align = "monday+tuesday", .by = "index"};  // tuesday's day is its own sibling
+  EXPECT_EQ(load("monday-night+tuesday", half).streets->hash(), day.streets->hash());
 }
 
 TEST_F(JoinedStreets, SayWhyTheyCannotBeJoined) {
   EXPECT_EQ(error_of([&] { load("monday+tuesday", {}, {}); }),
             "--traversal monday+tuesday: joins recordings to streets (add --rule street, or name one of them)");
   EXPECT_EQ(refusal("monday+monday"), "--traversal monday+monday: names a recording twice (name each once)");
+  EXPECT_EQ(refusal("monday+"), "--traversal monday+: names nothing beside a + (name a recording on both sides)");
+  EXPECT_EQ(refusal("monday-night+tuesday-night", {.align = "+tuesday"}),
+            "--align-to +tuesday: names nothing beside a + (name a recording on both sides)");
+  EXPECT_EQ(refusal("monday-night+tuesday-night", {.align = "monday+monday"}),
+            "--align-to monday+monday: names a recording twice (name each once)");
   EXPECT_TRUE(holds(refusal("monday+sunday"), "no traversal 'sunday' (there are: monday, monday-night, tuesday"));
   EXPECT_EQ(refusal("monday-night+tuesday-night", {.align = "monday"}),
             "--align-to: names 1 of 2 recordings (name one for each of --traversal, in the same order, with + between "
