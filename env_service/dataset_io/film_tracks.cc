@@ -27,11 +27,11 @@ constexpr int kMaxNesting = 8;                               // of GPMF: cameras
 constexpr std::size_t kMaxSubtitle = 2000;                   // bytes
 constexpr int kMotionSamples = 50;                           // pictures of a film whose motion is measured
 constexpr std::size_t kMinMotionSamples = 20;                // that have a place: fewer prove nothing
-constexpr double kMotionStep = 0.1;                          // seconds: some films repeat pictures
+constexpr double kMotionStep = 0.09;                         // seconds (some films repeat pictures), under .1: rounding
 constexpr double kMinMotionFit = 0.6, kMinMotionLead = 0.4;  // correlations, of the better fit and over the other
 constexpr double kClockError = 3, kCoarseStep = 0.5;         // seconds by which a film's clock may be off, and between
 constexpr double kFineStep = 0.01, kFineReach = 1.5;         // ... those that are tried, then about the best
-constexpr double kMinFineFit = 0.8;                          // correlation with a clock that is trusted to a picture
+constexpr double kMinFineFit = 0.8;                          // correlation with a clock that is trusted more finely
 constexpr double kFlat = 0.5, kMinFall = 0.01;  // seconds from the best fit, and by how much it is worse there
 constexpr double kStretch = 4;                  // seconds before and after a change of speed that are looked at
 constexpr std::size_t kMaxStretches = 6;
@@ -127,7 +127,8 @@ std::vector<Motion> motion_of(const Traversal& film) {
       const std::size_t frame = film.times.size() * static_cast<std::size_t>(i) / kMotionSamples;
       const std::size_t next = frame_from(film, film.times[frame] + kMotionStep);
       if (next == film.times.size()) break;
-      motion.emplace_back(film.times[frame], change(grey_picture(film, frame), grey_picture(film, next)));
+      motion.emplace_back(film.times[frame], change(grey_picture(film, frame), grey_picture(film, next)) /
+                                                 (film.times[next] - film.times[frame]));
     } catch (const Error&) {  // a damaged picture: reading the film tells of it
     }
   return motion;
@@ -219,7 +220,7 @@ class SpeedMatch {
     return found;
   }
 
-  /// Returns the start to a picture where changes of speed tell it, which is about the one given.
+  /// Returns the start to about .2 s where changes of speed tell it, which is about the one given.
   std::optional<double> refined(const Traversal& film, double start) const {
     std::vector<Motion> motion;
     for (const double moment : changes_of_speed(film.times.front(), film.times.back(), start)) try {
@@ -299,7 +300,8 @@ GpsRows read_film_track(const std::string& path, std::string& kind) {
 double find_film_start(const Traversal& film, const GpsRows& rows, double reach, const std::string& where) {
   const double first = film.times[0], length = film.times.back();
   const double begin = rows.times.front() - reach, end = rows.times.back() + reach;
-  if (length <= 2 * reach || first - length < begin || end < 0) return 0;  // too short to matter, or not at its end
+  if (length <= 2 * reach || begin > length || end < 0) return 0;  // too short to matter, or of another time
+  const bool may_end = first - length >= begin;
   const SpeedMatch match(rows, reach);
   const auto mended = [&](double start, double about) {
     const double found = match.refined(film, about).value_or(start);
@@ -308,19 +310,21 @@ double find_film_start(const Traversal& film, const GpsRows& rows, double reach,
                  std::abs(found - start), found > start ? "behind" : "ahead of");
     return found;
   };
-  if (first + length / 10 > rows.times.back()) {
+  if (may_end && first + length / 10 > rows.times.back()) {
     spdlog::warn("{}: creation_time is taken as its end, as the track ends about then or before", where);
     return mended(-length, -length);
   }
   const std::vector<Motion> motion = motion_of(film);
   const auto at_start = match.best(motion, -kClockError, kClockError, kCoarseStep),
-             at_end = match.best(motion, -length - kClockError, -length + kClockError, kCoarseStep);
+             at_end = may_end ? match.best(motion, -length - kClockError, -length + kClockError, kCoarseStep)
+                              : SpeedMatch::Found{0, -length};
   if (at_end.fit >= kMinMotionFit && at_end.fit - at_start.fit >= kMinMotionLead) {
     spdlog::warn("{}: creation_time is taken as its end: its motion fits the speed on the track {:.2f} against {:.2f}",
                  where, at_end.fit, at_start.fit);
     return mended(-length, at_end.start);
   }
   if (at_start.fit >= kMinMotionFit && at_start.fit - at_end.fit >= kMinMotionLead) return mended(0, at_start.start);
+  if (!may_end) return 0;
   spdlog::warn(
       "{}: creation_time is taken as its start, but it may be its end: motion fits the track's speed {:.2f} and "
       "{:.2f}; if it is, give --plain-clock-offset {:.0f}, else .001",
@@ -328,8 +332,9 @@ double find_film_start(const Traversal& film, const GpsRows& rows, double reach,
   return 0;
 }
 
-std::optional<double> search_film_start(const Traversal& film, const GpsRows& rows, double reach) {
+std::optional<double> search_film_start(const Traversal& film, const GpsRows& rows, double reach, std::string& why) {
   const double length = film.times.back();
+  why = "it is shorter than 20 s";
   if (length < kMinSearched) return std::nullopt;
   const double first = rows.times.front() - length / 4, last = rows.times.back() - 3 * length / 4;
   const SpeedMatch match(rows, reach);
@@ -337,6 +342,8 @@ std::optional<double> search_film_start(const Traversal& film, const GpsRows& ro
   const SpeedMatch::Found found = match.best(motion, first, last, kCoarseStep),
                           before = match.best(motion, first, found.start - kOneClock, kCoarseStep),
                           after = match.best(motion, found.start + kOneClock, last, kCoarseStep);
+  why =
+      "it fits the track's speed " + std::string(found.fit < kMinFineFit ? "nowhere well enough" : "at several times");
   if (found.fit < kMinFineFit || found.fit - std::max(before.fit, after.fit) < kMinLead) return std::nullopt;
   const double start = match.refined(film, found.start).value_or(found.start);
   spdlog::info("{}: begins {:.2f} s after the first point of {}, as its motion fits the speed there", film.name,

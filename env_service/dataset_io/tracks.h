@@ -36,11 +36,12 @@ GpsRows read_film_track(const std::string& path, std::string& kind);
 /// Returns when a film began, in seconds from its creation_time, which some telephones write at its end: about 0, or
 /// minus its length. `rows` is a track on the clock of creation_time that tells places up to `reach` seconds beyond its
 /// ends. Where both would do, the film moves as the track does: at most 50 pictures and those 1/10 s later are
-/// compared. Up to 3 s of clock error are mended, to a picture, where speed changes: at most six stretches of 8 s are
+/// compared. Up to 3 s of clock error are mended, to about .2 s, where speed changes: at most six stretches of 8 s are
 /// looked at. Logs that the end is taken, what is mended, or that neither fits clearly better. `where` names the film.
 double find_film_start(const Traversal& film, const GpsRows& rows, double reach, const std::string& where);
-/// Returns where on a track a film began that does not say it, where its motion fits there alone.
-std::optional<double> search_film_start(const Traversal& film, const GpsRows& rows, double reach);
+/// Returns where on a track a film began that does not say it, where its motion fits there alone; else says in `why`
+/// what is missing.
+std::optional<double> search_film_start(const Traversal& film, const GpsRows& rows, double reach, std::string& why);
 
 /// Reads the fixes of NMEA 0183: GGA, else RMC, of the receiver that has most of them in the best quality; days are
 /// those of RMC or ZDA, else of `near`. Sentences with a wrong checksum count in `broken`.

@@ -152,11 +152,14 @@ class Plain : public FolderDataset {
   void follow(Traversal& traversal, const std::string& track, double began) const {
     const std::string path = folder_ + "/" + track;
     GpsRows rows = read_track(path, std::isnan(began) ? 0 : began + traversal.times[0] + clock_offset_);
-    const auto found = std::isnan(began) && clock_offset_ == 0 ? search_film_start(traversal, rows, kTrackReach) : 0;
+    std::string why;
+    const auto found =
+        std::isnan(began) && clock_offset_ == 0 ? search_film_start(traversal, rows, kTrackReach, why) : 0;
     if (!found)
       throw Error(
-          "nothing says which time of it is that of the first frame of " + traversal.name, path,
-          "give --plain-clock-offset, the seconds from its first point to second 0 of the frames (not 0: .001)");
+          "nothing says which time of it is that of the first frame of " + traversal.name +
+              ", not its motion either: " + why,
+          path, "give --plain-clock-offset, the seconds from its first point to second 0 of the frames (not 0: .001)");
     // Second 0 of the frames, on the track's clock.
     const double zero = (!std::isnan(began) ? began : *found != 0 ? *found : rows.times[0]) + clock_offset_;
     for (double& time : rows.times) time -= zero;

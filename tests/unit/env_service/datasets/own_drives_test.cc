@@ -135,7 +135,8 @@ TEST(Tracks, BesideAFilmNeedItsTime) {
   };
   make_file(folder / "walk.gpx", "<gpx><trk><trkseg>" + point(0, 48) + point(4, 48.0004) + "</trkseg></trk></gpx>");
   EXPECT_TRUE(contains(error_of([&] { make_dataset("plain", folder.path())->load("walk"); }),
-                       "walk.gpx: nothing says which time of it"));
+                       "walk.gpx: nothing says which time of it is that of the first frame of walk, not its motion "
+                       "either: it is shorter than 20 s"));
   const Traversal walk = make_dataset("plain", folder.path(), {{"clock-offset", 1}})->load("walk");
   EXPECT_EQ(walk.places_from, "walk.gpx");
   EXPECT_NEAR(walk.latitude[25], 48.0002, 1e-9) << "second 1 of the film is second 2 of the track";
@@ -219,11 +220,46 @@ TEST(FilmTracks, AreJoinedAtTheStartOrTheEndByTheMotionOfTheFilm) {
     EXPECT_NEAR(load(-1).latitude[150], there, 1e-5) << begin << ", not told";
     EXPECT_TRUE(log.has("walk: begins ")) << log.text();
   }
+  ASSERT_TRUE(film(28.2));  // it can not have ended at second 30 of the track, as it takes 40
+  {
+    const Log log;
+    EXPECT_NEAR(load(30).latitude[150], 48.00132, 1e-5) << "second 43.2, after 13.2 s of going";
+    EXPECT_TRUE(log.has("walk: its clock is taken to be 1.8")) << log.text();
+  }
   ASSERT_TRUE(film(std::nan("")));
-  EXPECT_TRUE(contains(error_of([&] { load(-1); }), "walk.gpx: nothing says which time of it"));
+  EXPECT_TRUE(contains(error_of([&] { load(-1); }), "either: it fits the track's speed nowhere well enough"));
   const Log log;
   EXPECT_NEAR(load(60).latitude[150], kGone, 2e-5);
   EXPECT_TRUE(log.has("if it is, give --plain-clock-offset -40, else .001")) << log.text();
+}
+
+/// 10 pictures a second lie .1 s apart but for rounding. The film begins at second 30 of the track and takes 40 s.
+TEST(FilmTracks, OfTenPicturesASecondAreFoundByTheirSpeed) {
+  const Folder folder;
+  const std::string speeds = "133131131113313111113131";  // .0001 degrees a second, each for 5 s
+  const auto moved = [&](double second) {
+    double sum = 0;
+    for (std::size_t i = 0; i < speeds.size(); ++i)
+      sum += (speeds[i] - '0') * std::clamp(second - 5 * static_cast<double>(i), 0., 5.);
+    return sum;
+  };
+  cv::VideoWriter writer(folder / "walk.avi", cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 10,
+                         cv::Size(64, 48));
+  for (int i = 0; i < 400; ++i)
+    writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(double(std::lround(40 * moved(30 + i / 10.)) % 200))));
+  writer.release();
+  const auto load = [&](int rounds) {
+    std::string points;
+    for (int second = 0; second < 120 * rounds; ++second)
+      points += "<trkpt lat='" + std::to_string(48 + 1e-4 * (moved(second % 120) + (second < 120 ? 0 : moved(120)))) +
+                "' lon='0'><time>2026-06-01T12:0" + std::to_string(second / 60) + ":" +
+                std::to_string(100 + second % 60).substr(1) + "Z</time></trkpt>";
+    make_file(folder / "walk.gpx", "<gpx><trk><trkseg>" + points + "</trkseg></trk></gpx>");
+    return make_dataset("plain", folder.path())->load("walk");
+  };
+  // Second 43 is after 5 s each of 1, 3, 3, 1, 3, 1, 1 and 3, and 3 s of 1.
+  EXPECT_NEAR(load(1).latitude[130], 48.0083, 2e-5) << ".2 s at 1";
+  EXPECT_TRUE(contains(error_of([&] { load(2); }), "either: it fits the track's speed at several times"));
 }
 
 TEST(FilmTracks, SubtitlesOfADrone) {
