@@ -46,8 +46,8 @@ class DriveReader {
     find_meetings();
     link();
     if (streets_.map.links() == 0)
-      throw Error(fmt::format("never crosses its earlier way, nor runs along it within {:.1f} m", streets_.reach), where_,
-                  "it is a line: leave out --rule");
+      throw Error(fmt::format("never crosses its earlier way, nor runs along it within {:.1f} m", streets_.reach),
+                  where_, "it is a line: leave out --rule");
   }
   DriveStreets streets() { return std::move(streets_); }
 
