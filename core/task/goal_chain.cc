@@ -10,17 +10,26 @@
 namespace citylearn {
 namespace {
 
-using Steps = std::vector<std::uint16_t>;
+/// Returns whether from wherever one arrives at a goal the next can be reached, and is not reached yet.
+bool leads_on(const StateMap& map, DistanceFields& fields, int goal, int next) {
+  const DistanceField to_goal = fields.to(goal), to_next = fields.to(next);
+  for (int state = 0; state < map.states(); ++state)
+    if (to_goal(state) == 0 && (to_next(state) == 0 || !to_next.reaches(state))) return false;
+  return true;
+}
 
-/// Returns the fewest steps from each state to one of `goals` and, from the state in which one arrives there, `on`.
-Steps steps_to(const StateMap& map, const std::vector<int>& goals, const Steps& on) {
+}  // namespace
+
+std::vector<std::uint16_t> steps_on(const StateMap& map, const std::vector<int>& goals,
+                                    const std::vector<std::uint16_t>& on) {
   std::vector<std::pair<int, int>> ends;  // steps on from a state of a goal, and the state
   for (int state = 0; state < map.states(); ++state)
     if (std::find(goals.begin(), goals.end(), map.place(state)) != goals.end())
       ends.emplace_back(on[static_cast<std::size_t>(state)], state);
   std::sort(ends.begin(), ends.end());
-  Steps steps(on.size(), StateMap::kNoWay);
+  std::vector<std::uint16_t> steps(on.size(), StateMap::kNoWay);
   std::vector<int> queue;  // by rising steps
+  queue.reserve(steps.size());
   const auto steps_at = [&](std::size_t head) { return int{steps[static_cast<std::size_t>(queue[head])]}; };
   const auto reach = [&](int state, int count) {
     std::uint16_t& known = steps[static_cast<std::size_t>(state)];
@@ -39,21 +48,11 @@ Steps steps_to(const StateMap& map, const std::vector<int>& goals, const Steps& 
   return steps;
 }
 
-/// Returns whether from wherever one arrives at a goal the next can be reached, and is not reached yet.
-bool leads_on(const StateMap& map, DistanceFields& fields, int goal, int next) {
-  const DistanceField to_goal = fields.to(goal), to_next = fields.to(next);
-  for (int state = 0; state < map.states(); ++state)
-    if (to_goal(state) == 0 && (to_next(state) == 0 || !to_next.reaches(state))) return false;
-  return true;
-}
-
-}  // namespace
-
 DistanceField way_through(const StateMap& streets, float radius, std::span<const int> goals) {
-  Steps steps(static_cast<std::size_t>(streets.states()), 0);
+  std::vector<std::uint16_t> steps(static_cast<std::size_t>(streets.states()), 0);
   for (std::size_t left = goals.size(); left > 0; --left)
-    steps = steps_to(streets, streets.places_around(goals[left - 1], radius), steps);
-  return DistanceField(std::make_shared<const Steps>(std::move(steps)));
+    steps = steps_on(streets, streets.places_around(goals[left - 1], radius), steps);
+  return DistanceField(std::make_shared<const std::vector<std::uint16_t>>(std::move(steps)));
 }
 
 int fewest_steps(const StateMap& map, DistanceFields& fields, float radius, int start, std::span<const int> goals) {

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <string>
 
+#include "core/task/goal_chain.h"
 #include "core/util/error.h"
 
 namespace citylearn {
@@ -142,25 +143,7 @@ std::uint8_t StateMap::allowed(int state) const {
 }
 
 std::vector<std::uint16_t> StateMap::steps_to(const std::vector<int>& goals) const {
-  std::vector<std::uint16_t> steps(static_cast<std::size_t>(states_), kNoWay);
-  std::vector<int> queue;
-  queue.reserve(steps.size());
-  const auto reach = [&](int state, int count) {
-    std::uint16_t& known = steps[static_cast<std::size_t>(state)];
-    if (known != kNoWay || count >= kNoWay) return;
-    known = static_cast<std::uint16_t>(count);
-    queue.push_back(state);
-  };
-  for (const int goal : goals)
-    for (int state = first_state_[static_cast<std::size_t>(goal)];
-         state < first_state_[static_cast<std::size_t>(goal) + 1]; ++state)
-      reach(state, 0);
-  for (std::size_t head = 0; head < queue.size(); ++head) {
-    const int count = steps[static_cast<std::size_t>(queue[head])] + 1;
-    const auto [first, last] = before(queue[head]);
-    for (const int* from = first; from != last; ++from) reach(*from, count);
-  }
-  return steps;
+  return steps_on(*this, goals, std::vector<std::uint16_t>(static_cast<std::size_t>(states_), 0));
 }
 
 std::vector<int> StateMap::places_around(int place, float radius) const {
