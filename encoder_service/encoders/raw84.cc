@@ -9,23 +9,26 @@
 namespace citylearn {
 namespace {
 
+constexpr int kSide = 84;          // pixels
+constexpr double kDeviations = 6;  // from black to white, where contrast is normalised
+
 /// The pixels, 84 x 84 in colour from 0 to 1, row by row, red, green, blue: what end-to-end agents look at (CityLearn's
 /// baseline after Mirowski et al., NeurIPS 2018).
 class Raw84 final : public PictureEncoder {
  public:
   explicit Raw84(const Parameters& parameters) : name_(encoder_name("raw84-2", parameters)) {
-    if (parameters["sigma"] > 0) normalisation_.emplace(cv::Size(kRaw84Side, kRaw84Side), parameters["sigma"]);
+    if (parameters["sigma"] > 0) normalisation_.emplace(cv::Size(kSide, kSide), parameters["sigma"]);
   }
-  Spec spec() const override { return {name_, kRaw84Side * kRaw84Side * 3, batch()}; }
+  Spec spec() const override { return {name_, kSide * kSide * 3, batch()}; }
 
  private:
   void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) const override {
-    cv::Mat colours, pixels(kRaw84Side, kRaw84Side, CV_32FC3, descriptor.data());
-    cv::cvtColor(scaled(picture, kRaw84Side, kRaw84Side), colours, cv::COLOR_BGR2RGB);
+    cv::Mat colours, pixels(kSide, kSide, CV_32FC3, descriptor.data());
+    cv::cvtColor(scaled(picture, kSide, kSide), colours, cv::COLOR_BGR2RGB);
     colours.convertTo(pixels, CV_32F, 1 / 255.0);
     if (!normalisation_) return;
     colours.convertTo(colours, CV_32F);
-    normalisation_->apply(colours).convertTo(pixels, CV_32F, 1 / kRaw84Deviations, 0.5);
+    normalisation_->apply(colours).convertTo(pixels, CV_32F, 1 / kDeviations, 0.5);
     cv::min(cv::max(pixels, cv::Scalar::all(0)), cv::Scalar::all(1), pixels);
   }
 

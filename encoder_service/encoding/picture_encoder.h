@@ -40,8 +40,4 @@ cv::Mat scaled(const cv::Mat& picture, int width, int height);
 /// Returns the grey values 0..255 in floating point (ITU-R BT.601) of a BGR picture, scaled.
 cv::Mat scaled_grey(const cv::Mat& picture, int width, int height);
 
-/// Constants of raw84: the side in pixels, and the deviations from black to white where contrast is normalised.
-inline constexpr int kRaw84Side = 84;
-inline constexpr double kRaw84Deviations = 6;
-
 }  // namespace citylearn

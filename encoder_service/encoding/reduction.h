@@ -78,8 +78,7 @@ class Reduction {
   int input_dimension() const { return static_cast<int>(mean_.size()); }
   int dimension() const;
   const ReductionOptions& options() const { return options_; }
-  const Eigen::VectorXf& mean() const { return mean_; }              ///< D, of the reference; zeros without centring
-  const Eigen::MatrixXf& projection() const { return projection_; }  ///< d x D, whitened rows; empty without PCA
+  const Eigen::VectorXf& mean() const { return mean_; }  ///< D, of the reference; zeros without centring
 
   /// Returns its bytes, with the name of the encoder whose descriptors it was learned on. load() throws Error when the
   /// bytes are something else or belong to another encoder.

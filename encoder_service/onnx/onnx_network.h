@@ -47,14 +47,6 @@ class OnnxNetwork {
   /// the library but for OpenCV 4.6, whose names had none when there was no other.
   std::string description() const;
   const std::string& model() const { return path_; }
-  /// Returns the library's name of the layer.
-  const std::string& layer() const { return layer_; }
-  bool rgb() const { return rgb_; }  ///< of the input's channels; else blue, green, red
-  /// A byte v of a channel becomes (v / 255 * scale - mean) / deviation, with the means and deviations of red, green,
-  /// blue.
-  float scale() const { return scale_; }
-  const std::array<float, 3>& mean() const { return mean_; }
-  const std::array<float, 3>& deviation() const { return deviation_; }
 
  private:
   void choose_layer(const std::string& wanted, bool pooled);
@@ -71,12 +63,6 @@ class OnnxNetwork {
   std::vector<int> shape_;
   std::size_t numbers_ = 0;  // of one picture
 };
-
-/// Returns the sizes (width, height) that a picture is resized to one after the other, the first bilinear and the
-/// others by means over areas, of which the last is the network's. Area means over fractions of pixels cost a tenth of
-/// a small network's time, so each side first goes to the wanted length times a power of two that leaves at most 2.5
-/// pixels to each of its own, and is then halved, which is exact and quick.
-std::vector<std::array<int, 2>> resizing_steps(std::array<int, 2> from, std::array<int, 2> to);
 
 /// Returns the weights (cells x side) by which a side of a feature map is averaged over cells. Cell i goes from
 /// i side / cells, rounded down, to (i + 1) side / cells, rounded up, as in PyTorch's adaptive_avg_pool2d.

@@ -22,37 +22,29 @@ std::string onnx_bytes(const TrainedAgent& agent, const Parameters& parameters,
           metadata);
 }
 
-ExportedAgent read_exported_agent(const ExportOptions& options) {
-  if (options.checkpoint.empty()) throw Error("is needed", "--checkpoint", "the file to export");
-  const Checkpoint checkpoint = read_checkpoint(options.checkpoint);
-  ExportedAgent exported;
-  TrainedAgent& agent = exported.agent = trained_agent(checkpoint);
-  const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
-  const auto& given = checkpoint.header.at("network");
-  exported.parameters = Parameters("network " + agent.name, entry.parameters, agent.network_parameters);
-  exported.metadata = {{"agent", agent.name},
-                       {"frames", std::to_string(agent.task.frames)},
-                       {"first_frame", std::to_string(agent.first_frame)},
-                       {"features", std::to_string(agent.task.features)},
-                       {"network", given.dump()},
-                       {"checkpoint_sha256", sha256(read_file(options.checkpoint))}};
-  if (agent.places > 0) exported.metadata["places"] = std::to_string(agent.places);
-  if (agent.data.known()) exported.metadata["data"] = agent.data.text();
-  if (!options.parameters.empty()) {
-    load_parameters(options.parameters, agent);
-    exported.metadata["parameters_sha256"] = sha256(read_file(options.parameters));
-  }
-  return exported;
-}
-
 void export_agent(const ExportOptions& options) {
   const std::string format = std::filesystem::path(options.output).extension();
   if (format != ".onnx" && format != ".safetensors")
     throw Error("'" + options.output + "' says no format", "--output", "name a file FILE.onnx or FILE.safetensors");
-  const ExportedAgent exported = read_exported_agent(options);
-  const TrainedAgent& agent = exported.agent;
-  const std::string bytes = format == ".onnx" ? onnx_bytes(agent, exported.parameters, exported.metadata)
-                                              : parameters_of(agent, exported.metadata).bytes();
+  if (options.checkpoint.empty()) throw Error("is needed", "--checkpoint", "the file to export");
+  const Checkpoint checkpoint = read_checkpoint(options.checkpoint);
+  TrainedAgent agent = trained_agent(checkpoint);
+  std::map<std::string, std::string> metadata = {{"agent", agent.name},
+                                                 {"frames", std::to_string(agent.task.frames)},
+                                                 {"first_frame", std::to_string(agent.first_frame)},
+                                                 {"features", std::to_string(agent.task.features)},
+                                                 {"network", checkpoint.header.at("network").dump()},
+                                                 {"checkpoint_sha256", sha256(read_file(options.checkpoint))}};
+  if (agent.places > 0) metadata["places"] = std::to_string(agent.places);
+  if (agent.data.known()) metadata["data"] = agent.data.text();
+  if (!options.parameters.empty()) {
+    load_parameters(options.parameters, agent);
+    metadata["parameters_sha256"] = sha256(read_file(options.parameters));
+  }
+  const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
+  const Parameters parameters("network " + agent.name, entry.parameters, agent.network_parameters);
+  const std::string bytes =
+      format == ".onnx" ? onnx_bytes(agent, parameters, metadata) : parameters_of(agent, metadata).bytes();
   write_file(options.output, bytes);
   spdlog::info("wrote {} ({} bytes): agent {}, {} features, {} frames from frame {} on, update {}", options.output,
                bytes.size(), agent.name, agent.task.features, agent.task.frames, agent.first_frame, agent.update);

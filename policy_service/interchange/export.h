@@ -14,16 +14,6 @@ struct ExportOptions {
   std::string output;      ///< file to write: NAME.onnx or NAME.safetensors
 };
 
-/// An agent that is to be exported.
-struct ExportedAgent {
-  TrainedAgent agent;
-  Parameters parameters;                        ///< of its network
-  std::map<std::string, std::string> metadata;  ///< that the exported file carries
-};
-
-/// Reads options.checkpoint and options.parameters. Throws Error naming the option or file.
-ExportedAgent read_exported_agent(const ExportOptions& options);
-
 /// Writes the agent in the format that the output's name asks for (docs/reference/export-formats.md). The same inputs
 /// give the same bytes. Throws Error naming the option or file.
 void export_agent(const ExportOptions& options);

@@ -20,54 +20,13 @@ static_assert(std::endian::native == std::endian::little, "tensors are written a
 constexpr int kIrVersion = 6;  // of the format itself, as it came with opset 11
 constexpr const char* kProducer = "citylearn";
 
-void describe(onnx::ValueInfoProto& value, const std::string& name, const std::vector<std::int64_t>& sides,
-              const std::string& help) {
+void describe(onnx::ValueInfoProto& value, const std::string& name, std::int64_t width, const std::string& help) {
   value.set_name(name);
   value.set_doc_string(help);
   auto& tensor = *value.mutable_type()->mutable_tensor_type();
   tensor.set_elem_type(onnx::TensorProto::FLOAT);
   tensor.mutable_shape()->add_dim()->set_dim_param("batch");
-  for (const std::int64_t side : sides) tensor.mutable_shape()->add_dim()->set_dim_value(side);
-}
-
-/// Returns the nodes that `wanted` depends on, in the graph's order.
-std::vector<const onnx::NodeProto*> nodes_before(const onnx::GraphProto& graph, const std::string& wanted) {
-  std::set<std::string> needed = {wanted};
-  std::vector<const onnx::NodeProto*> nodes;
-  for (int i = graph.node_size() - 1; i >= 0; --i) {  // nodes are sorted: what a node reads comes before it
-    const onnx::NodeProto& node = graph.node(i);
-    if (std::none_of(node.output().begin(), node.output().end(),
-                     [&](const std::string& name) { return needed.contains(name); }))
-      continue;
-    needed.insert(node.input().begin(), node.input().end());
-    nodes.insert(nodes.begin(), &node);
-  }
-  return nodes;
-}
-
-/// Takes the padding of an AveragePool that counts it, and returns it as a Pad has it; empty: none. Throws Error when
-/// it depends on the picture's size.
-std::vector<std::int64_t> take_counted_padding(onnx::NodeProto& pool) {
-  std::vector<std::int64_t> pads;
-  onnx::AttributeProto *own = nullptr, *counts = nullptr;
-  bool same = false, ceil = false;
-  for (onnx::AttributeProto& one : *pool.mutable_attribute()) {
-    if (one.name() == "pads") own = &one;
-    if (one.name() == "count_include_pad" && one.i() != 0) counts = &one;
-    same |= one.name() == "auto_pad" && one.s().starts_with("SAME");
-    ceil |= one.name() == "ceil_mode" && one.i() != 0;
-  }
-  if (own) pads.assign(own->ints().begin(), own->ints().end());
-  const bool none = std::all_of(pads.begin(), pads.end(), [](std::int64_t pad) { return pad == 0; });
-  if (pool.op_type() != "AveragePool" || !counts || (none && !same)) return {};
-  if (same || ceil)
-    throw Error("counts padding, with auto_pad or ceil_mode", "operator AveragePool '" + pool.name() + "'",
-                "put a Pad before it, and leave its own pads at 0");
-  for (std::int64_t& pad : *own->mutable_ints()) pad = 0;
-  counts->set_i(0);
-  pads.insert(pads.begin() + static_cast<std::ptrdiff_t>(pads.size() / 2), {0, 0});  // of the batch and the channels
-  pads.insert(pads.begin(), {0, 0});
-  return pads;
+  tensor.mutable_shape()->add_dim()->set_dim_value(width);
 }
 
 }  // namespace
@@ -75,7 +34,6 @@ std::vector<std::int64_t> take_counted_padding(onnx::NodeProto& pool) {
 struct OnnxGraph::Impl {
   onnx::GraphProto graph;
   std::set<std::string> names;
-  std::int64_t opset = kOpset, ir_version = kIrVersion;
 
   /// `wanted`, with a number where it is taken.
   std::string fresh(const std::string& wanted) {
@@ -92,58 +50,14 @@ struct OnnxGraph::Impl {
     added.set_raw_data(numbers, bytes);
     return added;
   }
-  onnx::TensorProto& integers(const std::vector<std::int64_t>& numbers) {
-    return tensor("integers", onnx::TensorProto::INT64, {static_cast<std::int64_t>(numbers.size())}, numbers.data(),
-                  numbers.size() * sizeof(std::int64_t));
-  }
-  /// Appends nodes of another graph and the weights that they read. `renamed`: tensors of that graph that are here
-  /// already, by the name they have there; the appended ones are added to it.
-  void append(const onnx::GraphProto& other, const std::vector<const onnx::NodeProto*>& nodes,
-              std::map<std::string, std::string>& renamed) {
-    std::set<std::string> read;
-    for (const onnx::NodeProto* node : nodes) read.insert(node->input().begin(), node->input().end());
-    for (const onnx::TensorProto& weights : other.initializer()) {
-      if (!read.contains(weights.name())) continue;
-      onnx::TensorProto& added = *graph.add_initializer();
-      added = weights;
-      added.set_name(renamed[weights.name()] = fresh(weights.name()));
-    }
-    for (const onnx::NodeProto* node : nodes) {
-      onnx::NodeProto& added = *graph.add_node();
-      added = *node;
-      added.set_name(fresh(node->name().empty() ? node->op_type() : node->name()));
-      for (std::string& name : *added.mutable_input())
-        if (const auto found = renamed.find(name); found != renamed.end())
-          name = found->second;
-        else if (!name.empty())  // an empty one is left out
-          throw Error("reads '" + name + "', which nothing gives", "operator " + added.op_type());
-      if (const auto pads = take_counted_padding(added); !pads.empty()) {  // readers differ in whether they count it
-        if (opset < 11) throw Error("counts padding", "operator AveragePool", "export it with opset 11 or newer");
-        onnx::NodeProto& pad = *graph.add_node();
-        pad.set_op_type("Pad");
-        pad.set_name(fresh("Pad"));
-        pad.add_input(added.input(0));
-        pad.add_input(integers(pads).name());
-        pad.add_output(fresh(pad.name() + "_out"));
-        added.set_input(0, pad.output(0));
-        graph.mutable_node()->SwapElements(graph.node_size() - 2, graph.node_size() - 1);
-      }
-      for (std::string& name : *added.mutable_output())
-        if (!name.empty()) name = renamed[name] = fresh(name);
-    }
-  }
 };
 
 OnnxGraph::OnnxGraph(const std::string& name) : impl_(std::make_unique<Impl>()) { impl_->graph.set_name(name); }
 OnnxGraph::~OnnxGraph() = default;
 
 OnnxValue OnnxGraph::input(const std::string& name, std::int64_t width, const std::string& help) {
-  return input(name, std::vector{width}, help);
-}
-
-OnnxValue OnnxGraph::input(const std::string& name, const std::vector<std::int64_t>& sides, const std::string& help) {
   if (!impl_->names.insert(name).second) throw Error("is there already", "input " + name);
-  describe(*impl_->graph.add_input(), name, sides, help);
+  describe(*impl_->graph.add_input(), name, width, help);
   return {this, name};
 }
 
@@ -154,7 +68,7 @@ void OnnxGraph::output(const std::string& name, const OnnxValue& value, std::int
   node.set_name(impl_->fresh("out_" + name));
   node.add_input(value.name);
   node.add_output(name);
-  describe(*impl_->graph.add_output(), name, {width}, help);
+  describe(*impl_->graph.add_output(), name, width, help);
 }
 
 OnnxValue OnnxGraph::constant(const std::string& name, const Eigen::Ref<const Matrix<float>>& numbers) {
@@ -172,7 +86,9 @@ OnnxValue OnnxGraph::constant(const std::string& name, const std::vector<std::in
 }
 
 OnnxValue OnnxGraph::integers(const std::vector<std::int64_t>& numbers) {
-  return {this, impl_->integers(numbers).name()};
+  const auto& added = impl_->tensor("integers", onnx::TensorProto::INT64, {static_cast<std::int64_t>(numbers.size())},
+                                    numbers.data(), numbers.size() * sizeof(std::int64_t));
+  return {this, added.name()};
 }
 
 OnnxValue OnnxGraph::node(const std::string& type, const std::vector<OnnxValue>& inputs,
@@ -229,73 +145,14 @@ OnnxValue OnnxGraph::concat(const std::vector<OnnxValue>& parts) {
   return node("Concat", parts, {{"axis", std::int64_t{1}}});
 }
 
-OnnxValue OnnxGraph::append_network(const std::string& model, const OnnxValue& input, const std::string& node,
-                                    const std::string& where) {
-  onnx::ModelProto network;
-  if (!network.ParseFromString(model)) throw Error("is not an ONNX model", where);
-  const onnx::GraphProto& graph = network.graph();
-  std::set<std::string> weights;
-  for (const onnx::TensorProto& tensor : graph.initializer()) weights.insert(tensor.name());
-  std::map<std::string, std::string> renamed;
-  for (const auto& one : graph.input())  // old files list weights among the inputs
-    if (!weights.contains(one.name())) renamed[one.name()] = input.name;
-  if (renamed.size() != 1) throw Error("has " + std::to_string(renamed.size()) + " inputs, a picture is one", where);
-  for (const auto& opset : network.opset_import()) {
-    if (!opset.domain().empty() && opset.domain() != "ai.onnx")
-      throw Error("has operators of '" + opset.domain() + "'", where, "export it with standard operators alone");
-    if (opset.version() < kOldestOpset)
-      throw Error("is of opset " + std::to_string(opset.version()), where,
-                  "export it with opset " + std::to_string(kOldestOpset) + " or newer");
-    impl_->opset = opset.version();
-  }
-  impl_->ir_version = std::max<std::int64_t>(kIrVersion, network.ir_version());
-  for (const onnx::NodeProto& one : graph.node()) {
-    if (one.output_size() == 0 || (one.name() != node && one.output(0) != node)) continue;
-    impl_->append(graph, nodes_before(graph, one.output(0)), renamed);
-    return {this, renamed.at(one.output(0))};
-  }
-  throw Error("has no node '" + node + "'", where);
-}
-
-void OnnxGraph::append(const OnnxGraph& other, const std::map<std::string, OnnxValue>& given) {
-  const onnx::GraphProto& graph = other.impl_->graph;
-  std::map<std::string, std::string> renamed;
-  for (const auto& one : graph.input())
-    if (const auto found = given.find(one.name()); found != given.end()) {
-      renamed[one.name()] = found->second.name;
-    } else {
-      if (!impl_->names.insert(one.name()).second) throw Error("is there already", "input " + one.name());
-      *impl_->graph.add_input() = one;
-      renamed[one.name()] = one.name();
-    }
-  std::vector<const onnx::NodeProto*> nodes;
-  for (const onnx::NodeProto& one : graph.node()) nodes.push_back(&one);
-  impl_->append(graph, nodes, renamed);
-  for (const auto& one : graph.output()) {
-    *impl_->graph.add_output() = one;
-    if (renamed.at(one.name()) != one.name()) throw Error("is there already", "output " + one.name());
-  }
-}
-
-void OnnxGraph::close_batch() {
-  for (auto* values : {impl_->graph.mutable_input(), impl_->graph.mutable_output()})
-    for (onnx::ValueInfoProto& value : *values)
-      value.mutable_type()->mutable_tensor_type()->mutable_shape()->mutable_dim(0)->set_dim_value(1);
-}
-
-bool OnnxGraph::has_input(const std::string& name) const {
-  return std::any_of(impl_->graph.input().begin(), impl_->graph.input().end(),
-                     [&](const auto& input) { return input.name() == name; });
-}
-
 std::string OnnxGraph::bytes(const std::string& help, const std::map<std::string, std::string>& metadata) const {
   onnx::ModelProto model;
-  model.set_ir_version(impl_->ir_version);
+  model.set_ir_version(kIrVersion);
   model.set_producer_name(kProducer);
   model.set_doc_string(help);
   onnx::OperatorSetIdProto& opset = *model.add_opset_import();
   opset.set_domain("");
-  opset.set_version(impl_->opset);
+  opset.set_version(kOpset);
   for (const auto& [key, value] : metadata) {
     onnx::StringStringEntryProto& entry = *model.add_metadata_props();
     entry.set_key(key);

@@ -39,8 +39,6 @@ class OnnxGraph {
  public:
   /// The version of the operators' definitions: the newest that readers of some years ago (OpenCV 4.6) know well.
   static constexpr int kOpset = 11;
-  /// The first whose operators take what this class writes.
-  static constexpr int kOldestOpset = 10;
   using Attribute = std::pair<std::string, std::variant<std::int64_t, float, std::vector<std::int64_t>>>;
 
   explicit OnnxGraph(const std::string& name);
@@ -49,8 +47,6 @@ class OnnxGraph {
   OnnxGraph& operator=(const OnnxGraph&) = delete;
 
   OnnxValue input(const std::string& name, std::int64_t width, const std::string& help);
-  /// Returns the same with sides of its own after the batch: a picture's 3 x height x width.
-  OnnxValue input(const std::string& name, const std::vector<std::int64_t>& sides, const std::string& help);
   void output(const std::string& name, const OnnxValue& value, std::int64_t width, const std::string& help);
   /// Adds numbers that the model keeps, rows x cols, named as the tensor they come from.
   OnnxValue constant(const std::string& name, const Eigen::Ref<const Matrix<float>>& numbers);
@@ -76,16 +72,6 @@ class OnnxGraph {
   /// Joins them side by side.
   OnnxValue concat(const std::vector<OnnxValue>& parts);
 
-  /// Appends a network read from an ONNX file's bytes, of one input and opset kOldestOpset or newer, up to the output
-  /// of the node `node` (its name, or that of its output), and takes over its opset. Throws Error naming `where`.
-  OnnxValue append_network(const std::string& model, const OnnxValue& input, const std::string& node,
-                           const std::string& where);
-  /// Appends all of another graph, its outputs too. Its inputs become inputs here, but those that are `given`.
-  void append(const OnnxGraph& other, const std::map<std::string, OnnxValue>& given);
-
-  bool has_input(const std::string& name) const;
-  /// Makes the batch of all inputs and outputs 1. OpenCV cannot follow an open one through changes of shape.
-  void close_batch();
   /// Returns the model as a file's bytes, the same for the same graph.
   std::string bytes(const std::string& help, const std::map<std::string, std::string>& metadata) const;
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exported agents in ONNX Runtime do what the services' agents do with the same pictures, step by step (onnx_sample.cc)."""
+"""Exported agents in ONNX Runtime do what the services' agents do with the same features, step by step (onnx_sample.cc)."""
 
 import json
 import subprocess
@@ -27,42 +27,33 @@ class Exports(unittest.TestCase):
         cls.folder = Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="citylearn-")))
         subprocess.run([BUILD / "tests/clients/onnx_sample", cls.folder], check=True)
 
-    def check(self, encoder):
-        folder = self.folder / encoder
+    def check(self, network):
+        folder = self.folder / network
         onnx.checker.check_model(folder / "agent.onnx", full_check=True)
         agent = onnxruntime.InferenceSession(folder / "agent.onnx")
-        shapes = {each.name: each.shape for each in agent.get_inputs()}
+        widths = {each.name: each.shape[1] for each in agent.get_inputs()}
         names = [each.name for each in agent.get_outputs()]
         episodes = json.loads((folder / "episodes.json").read_text())
-        pictures = np.fromfile(folder / "pictures.bin", np.uint8).reshape(episodes["frames"], *shapes["picture"])
-        kept = {name: np.zeros(shapes[name], np.float32) for name in ("state", "condition")}
-
-        def run(step, seen):
-            actions = np.arange(3)
-            return dict(zip(names, agent.run(None, {**kept, "seen": seen, **{name: np.float32([values]) for name, values in (
-                ("picture", pictures[step["frame"]][0]), ("goal", [step["goal"]]), ("first", [step["first"]]),
-                ("previous_action", actions == step["previous"]), ("allowed", step["allowed"] >> actions & 1))}})))
-
-        # The encoder_service takes the frames in their order, whatever the agent does.
-        seen = [np.zeros(shapes["seen"], np.float32)]
-        for frame in range(episodes["frames"]):
-            seen.append(run({"frame": frame, "goal": 0, "previous": -1, "allowed": 7, "first": True}, seen[frame])["next_seen"])
+        features = np.fromfile(folder / "features.bin", np.float32).reshape(episodes["frames"], widths["features"])
+        state, condition = np.zeros((1, widths["state"])), np.zeros(widths["features"] + 1)
+        actions = np.arange(3)
         longest = length = 0
         for number, step in enumerate(episodes["steps"]):
-            found = run(step, seen[step["frame"]])
-            logits = found["logits"][0]
-            self.assertEqual(drawn(logits, step["random"]), step["action"], f"step {number}")
-            self.assertEqual(found["action"].item(), logits.argmax(), f"step {number}")
-            kept = {"state": found["next_state"], "condition": found["next_condition"]}
+            condition += [*features[step["frame"]], 1]
+            seen = {"features": features[step["frame"]], "condition": condition, "goal": [step["goal"]], "first": [step["first"]],
+                    "previous_action": actions == step["previous"], "allowed": step["allowed"] >> actions & 1, "state": state[0]}
+            found = dict(zip(names, agent.run(None, {name: np.float32([seen[name]]) for name in widths})))
+            self.assertEqual(drawn(found["logits"][0], step["random"]), step["action"], f"step {number}")
+            state = found["next_state"]
             length = 1 if step["first"] else length + 1
             longest = max(longest, length)
         self.assertGreaterEqual(longest, 30)
 
-    def test_by_patchnorm(self):
-        self.check("patchnorm")
+    def test_a_filter(self):
+        self.check("place_filter")
 
-    def test_by_a_network(self):
-        self.check("onnx")
+    def test_a_recurrent_network(self):
+        self.check("features")
 
 
 if __name__ == "__main__":

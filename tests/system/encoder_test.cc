@@ -37,29 +37,6 @@ TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
   EXPECT_TRUE(second->says(" 0 frames encoded", seconds(1))) << second->output();
 }
 
-TEST_P(Encoding, WhatARunLeavesIsExportedFromPictureToAction) {
-  Trial run(GetParam());
-  const auto summer = run.env("summer", kDrawn), fall = run.env("fall", kDrawn);
-  const auto encoder = run.encoder({"--encoder", "patchnorm", "--patchnorm-width", "48", "--dimension", "32"});
-  const auto policy =
-      run.policy({"--agent", "features", "--steps", "2048", "--output", run.folder() / "out", "--tasks", "16"});
-  ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
-  const std::string checkpoint = run.folder() / ("out/checkpoints/" + run.checkpoint("out").first);
-  const auto exported = [&](const Arguments& more) {
-    const Arguments command = {CITYLEARN_EXPORT, "--checkpoint", checkpoint, "--store", run.folder() / "store"};
-    const Arguments file = {"--output", run.folder() / "a.onnx", "--picture", "160x96"};
-    Service program(command + file + more, run.folder() / "export.log");
-    const auto status = program.wait(kEncodingWait);
-    return std::pair{status.value_or(-1), program.output()};
-  };
-  const auto [status, output] = exported({"--patchnorm-width", "48"});
-  EXPECT_EQ(status, 0) << output;
-  EXPECT_GT(contents(run.folder() / "a.onnx").size(), 10000u);
-  const auto [refused, reason] = exported({});
-  EXPECT_EQ(refused, 1);
-  EXPECT_TRUE(contains(reason, "width=64', but the agent") && contains(reason, "width=48")) << reason;
-}
-
 TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
   Trial run(GetParam());
   // 16 x 21,168 numbers: more than an observation can hold.

@@ -38,7 +38,7 @@ Services, each a program of its own
 Data and results
   data        lists the supported datasets; checks a folder
   vpr         measures how well encoders recognise places
-  export      writes an agent as an ONNX file, with its encoder or alone
+  export      writes an agent as an ONNX file
   paper       repeats the paper's experiments on your data
   record      records a run's messages; "replay" plays them again, or a bag to
               an agent
