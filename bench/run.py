@@ -18,7 +18,6 @@ TOLERANCE = 0.03  # a change below it is never called slower: code moves in memo
 
 # The benchmarks that record figures, with arguments that let each repetition take seconds.
 REPEATED = {
-    "roundtrip": ["--rounds", "1", "--trips", "2000"],
     "loop": ["40000"],
     "services": ["--rounds", "1", "--steps", "20000"],
     "roles": ["20000"],
@@ -38,15 +37,14 @@ def arguments():
         epilog=f"compared by default: {', '.join(REPEATED)}\nstatus: 0, 1 when something is slower, 2 after an error\n"
         "bench/README.md says how to read the result.")
     parser.add_argument("--build", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="a folder of bench/, or a case of bench/cases")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="a case of bench/cases")
     parser.add_argument("--against", type=Path, metavar="BUILD", help="say what is slower than another build folder")
     parser.add_argument("--repeat", type=int, default=5, metavar="N", help="repetitions, at least 3 (default: 5)")
     parser.add_argument("--check", action="store_true", help=argparse.SUPPRESS)  # only looks at the arguments
     args = parser.parse_intermixed_args()
     if args.repeat < 3:
         parser.error("--repeat: a spread needs at least 3 repetitions")
-    known = sorted(REPEATED if args.against else [path.parent.name for path in SOURCE.glob("*/README.md")] +
-                   [path.stem for path in SOURCE.glob("cases/*.md")])
+    known = sorted(REPEATED if args.against else [path.stem for path in SOURCE.glob("cases/*.md")])
     for name in args.names:
         if name not in known:
             what = "benchmark that records figures" if args.against else "benchmark"
@@ -57,12 +55,10 @@ def arguments():
 
 def command(build, name):
     """Returns the words that start a benchmark of a build folder. Raises Failure."""
-    words = [build / f"bench/{name}/bench_{name}"]
-    if (SOURCE / f"cases/{name}.md").exists():
-        words = [build / "bench/cases/bench_cases", name]
-    if not words[0].exists():
-        raise Failure(f"{words[0]} is missing; build it with ./run build")
-    return list(map(str, words))
+    program = build / "bench/cases/bench_cases"
+    if not program.exists():
+        raise Failure(f"{program} is missing; build it with ./run build")
+    return [str(program), name]
 
 
 def run_all(build, names):

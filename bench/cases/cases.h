@@ -2,13 +2,12 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "bench/bench.h"
-#include "bench/figures.h"
 #include "tests/support/processes/service.h"
 
 // What the cases of bench_cases share.
@@ -22,6 +21,25 @@ Measure loop(CLI::App& command);
 Measure roles(CLI::App& command);
 Measure security(CLI::App& command);
 Measure services(CLI::App& command);
+
+inline double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+enum class Better { kLower, kHigher };
+
+/// A figure by which `./run bench --against` judges a benchmark (bench/run.py).
+struct Figure {
+  std::string name;  ///< unique in its benchmark and the same in each run of it: "cyclonedds, node"
+  double value = 0;
+  std::string unit;  ///< "steps/s", "us", "ratio"
+  Better better = Better::kHigher;
+};
+
+/// Appends the figure, a line of JSON, to the file that the environment variable CITYLEARN_BENCH_FIGURES names. Does
+/// nothing without the variable. Throws Error when the file cannot be written.
+void record_figure(const Figure& figure);
 
 /// Services on loopback that find none but one another. They are killed when this goes.
 class Session {

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Small benchmarks: bench_cases NAME [OPTIONS]. NAME.md states each one's question.
+#include <cstdio>
+
 #include "bench/cases/cases.h"
 
 int main(int argc, char** argv) {
@@ -20,5 +22,14 @@ int main(int argc, char** argv) {
     command->option_defaults()->always_capture_default();
     command->callback([&chosen, measure = one.add(*command)] { chosen = measure; });
   }
-  return run(app, argc, argv, [&] { chosen(); });
+  try {
+    app.parse(argc, argv);
+    chosen();
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s: %s\n", app.get_name().c_str(), error.what());
+    return 1;
+  }
 }

@@ -3,7 +3,6 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/cases/cases.h"
-#include "bench/program.h"
 #include "core/util/processors.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/product.h"
@@ -51,6 +50,22 @@ double training_rate(const std::string& path) {
   return (steps[1] - steps[0]) / (wall[1] - wall[0]);
 }
 
+/// Waits until the program has ended. Throws Error unless its exit status is 0.
+void finish(testing::Service& program, const std::string& what) {
+  if (program.wait(std::chrono::minutes(20)) != 0) throw Error(what + " failed:\n" + program.output());
+}
+
+/// Makes a keystore in a folder that is not there yet, with keys of env-0 and policy. Throws Error.
+void make_keystore(const std::string& keys) {
+  for (const Arguments& words : {Arguments{"create", keys}, Arguments{"add", keys, "env_service", "env-0"},
+                                 Arguments{"add", keys, "policy_service", "policy"}}) {
+    Arguments command = {CITYLEARN_SOURCE_DIR "/compose/keystore"};
+    command.insert(command.end(), words.begin(), words.end());
+    testing::Service program(command, keys + ".log");
+    finish(program, "keystore");
+  }
+}
+
 Cost train_inside(const Layout& layout) {
   const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
   const Traversal route = entry.create(Parameters("dataset", entry.parameters, {{"images", 0}}), "")->load("summer");
@@ -58,9 +73,9 @@ Cost train_inside(const Layout& layout) {
   options.agent = layout.agent;
   options.trainer_parameters["steps"] = layout.steps;
   InprocessTraining training(options, route, 128);
-  const double wall = seconds([&] {
-    while (!training.trainer().done()) training.update();
-  });
+  const Clock::time_point begin = Clock::now();
+  while (!training.trainer().done()) training.update();
+  const double wall = seconds_since(begin);
   const double steps = static_cast<double>(training.trainer().progress().steps);
   return {.rate = steps / wall, .inference = training.acting() / wall, .update = training.learning() / wall};
 }
@@ -162,7 +177,7 @@ void compare_services(const Options& options) {
 void compare_secured(const Options& options) {
   const testing::Folder folder;
   const std::string keys = folder / "keys";
-  make_keystore(keys, {{"env_service", "env-0"}, {"policy_service", "policy"}});
+  make_keystore(keys);
   for (const std::string& agent : options.agents)
     for (const std::string& middleware : options.middlewares) {
       std::vector<Layout> layouts(2, {middleware + ", open", middleware, agent, options.steps, 1, 8});
