@@ -39,28 +39,6 @@ std::vector<Agent> wide_agents(const Context& context) {
   return agents;
 }
 
-/// "metres" from the first known position to the last; the mean "step" and the "smallest_step" between neighbours that
-/// are not the same place. Null where unknown.
-Json length_of(const Traversal& traversal) {
-  const auto position = [&](int i) { return static_cast<double>(traversal.positions[static_cast<std::size_t>(i)]); };
-  int first = 0, last = traversal.frames - 1;
-  while (first < traversal.frames && !std::isfinite(position(first))) ++first;
-  while (last > first && !std::isfinite(position(last))) --last;
-  if (last <= first) return {{"metres", nullptr}, {"step", nullptr}, {"smallest_step", nullptr}};
-  const double metres = position(last) - position(first);
-  double smallest = INFINITY;
-  for (int i = first + 1; i <= last; ++i)
-    if (const double step = std::abs(position(i) - position(i - 1)); step > 0) smallest = std::min(smallest, step);
-  return {{"metres", number(metres)}, {"step", number(metres / (last - first))}, {"smallest_step", number(smallest)}};
-}
-
-std::string sensors_of(const Traversal& traversal) {
-  std::string text = traversal.images ? "pictures" : std::to_string(traversal.dimension) + " features";
-  if (!traversal.latitude.empty()) text += ", GPS";
-  if (!traversal.times.empty()) text += ", time";
-  return text;
-}
-
 Json recognise(World& world, const std::string& representation, const std::string& method, const std::string& query) {
   const auto matrix = [&](const std::string& name) {
     const Traversal& traversal = world.traversal(representation, name);
@@ -132,21 +110,6 @@ Plan figure_7(const Context& context) { return {context.world, {{context.agents}
 
 Plan figure_8_9(const Context& context) {
   return {context.world, {{context.agents, {"blind", "shortest_path", "sequence_filter"}}}};
-}
-
-Plan tables(const Context& context) {
-  Json traversals = Json::array(), encoders = Json::array();
-  for (const std::string& name : context.world.names()) {
-    const Traversal& traversal = context.world.recording(name);
-    Json row = length_of(traversal);
-    row.update({{"name", name},
-                {"condition", traversal.condition},
-                {"frames", traversal.frames},
-                {"sensors", sensors_of(traversal)}});
-    traversals.push_back(row);
-  }
-  for (const auto* entry : EncoderRegistry::instance().entries()) encoders.push_back(entry->name);
-  return {context.world, {}, {{"traversals", traversals}, {"encoders", encoders}}};
 }
 
 Plan dimensions(const Context& context) {

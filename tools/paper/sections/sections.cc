@@ -46,7 +46,6 @@ const std::vector<Section>& sections() {
       {"figure-6", "Fig. 6: place recognition", figure_6},
       {"figure-7", "Fig. 7: training curves", figure_7},
       {"figure-8-9", "Fig. 8 and 9: deployment and generalisation", figure_8_9},
-      {"tables", "Tables I and II: the data and the environments", tables},
       {"longer-routes", "Beyond the paper: longer routes", longer_routes},
       {"imperfect-world", "Beyond the paper: an imperfect world", imperfect_world},
       {"dimensions", "The paper's main finding: smaller features generalise better", dimensions}};

@@ -78,7 +78,6 @@ Plan figure_2(const Context& context);
 Plan figure_6(const Context& context);
 Plan figure_7(const Context& context);
 Plan figure_8_9(const Context& context);
-Plan tables(const Context& context);
 /// The paper's main finding, tried: agents that learn from more and fewer features of the same encoder.
 Plan dimensions(const Context& context);
 Plan longer_routes(const Context& context);
