@@ -41,16 +41,15 @@ void add_options(CLI::App& app, CommandLine& line) {
   add_dataset_options(app, line.world.source, data);
   app.add_option("--train", line.world.source.traversal, "Traversal to learn from")->capture_default_str();
   add_selection_options(app, line.world.source.selection, data);
-  app.add_option("--encoder", line.world.encoders,
-                 "Encoders of the pictures: " + encoder_names() + " (" + kDefaultEncoder + ",hog,vlad; --quick: one)")
-      ->delimiter(',');
+  app.add_option("--encoder", line.world.encoder,
+                 "Encoder of the pictures: " + encoder_names() + " (" + kDefaultEncoder + ")");
   app.add_option("--model", line.world.files.model, "Network file for encoders that need one")->type_name("FILE");
   app.add_option("--store", line.store, "Folder of the feature store")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
       ->capture_default_str();
   app.option_defaults()->group("Report");
-  app.add_flag("--quick", line.quick, "Fewer seeds, tasks and encoders: 15 minutes on two processors");
+  app.add_flag("--quick", line.quick, "Fewer seeds and tasks: 15 minutes on two processors");
   app.add_option("--effort", line.effort,
                  "Share of training steps and tasks; below 1 the report fills quickly, with meaningless figures")
       ->capture_default_str()
@@ -88,7 +87,6 @@ std::vector<Agent> agents_of(World& world, const std::vector<std::uint64_t>& see
 /// Returns the options of a drawn world, for sections that need pictures or a map where the given data have none.
 WorldOptions drawn_city(const CommandLine& line) {
   WorldOptions options;
-  options.encoders = {kDefaultEncoder};
   options.most_frames = line.quick ? 256 : 512;
   options.store = line.world.store;
   return options;
@@ -143,8 +141,6 @@ Json manifest_of(const Context& context, const std::string& command, std::time_t
 int make_report(CommandLine& line) {
   const std::time_t begun = std::time(nullptr);
   const Clock::time_point start = Clock::now();
-  line.world.default_encoders = {kDefaultEncoder};
-  if (!line.quick) line.world.default_encoders.insert(line.world.default_encoders.end(), {"hog", "vlad"});
   line.world.store = line.store == "none" ? "" : line.store;
   line.world.most_frames = line.quick ? 640 : 4000;
   const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");

@@ -48,8 +48,7 @@ World::World(const WorldOptions& options) : options_(options) {
       names_.erase(names_.begin() + static_cast<std::ptrdiff_t>(i));
     }
   }
-  if (pictures() && options_.encoders.empty()) options_.encoders = options_.default_encoders;
-  if (!pictures() && !options_.encoders.empty())
+  if (!pictures() && !options_.encoder.empty())
     throw Error("dataset " + options.source.dataset + " has features already", "--encoder", "leave it out");
 }
 
@@ -102,10 +101,10 @@ World::Encoded& World::encoded(const std::string& name) {
 std::vector<std::string> World::representations(const std::vector<int>& dimensions) {
   if (!pictures()) return {kAsRead};
   std::vector<std::string> found;
-  for (const std::string& encoder : options_.encoders)
-    for (const int dimension : dimensions)
-      if (dimension <= std::min(encoder_dimension(encoder), recordings_.at(train()).frames - 1))
-        found.push_back(encoder + "-" + std::to_string(dimension));
+  const std::string encoder = options_.encoder.empty() ? kDefaultEncoder : options_.encoder;
+  for (const int dimension : dimensions)
+    if (dimension <= std::min(encoder_dimension(encoder), recordings_.at(train()).frames - 1))
+      found.push_back(encoder + "-" + std::to_string(dimension));
   found.push_back(kRaw);
   return found;
 }

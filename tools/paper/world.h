@@ -14,13 +14,12 @@
 namespace citylearn::paper {
 
 struct WorldOptions {
-  Source source;                              ///< dataset and folder; its traversal is the one learned from
-  std::vector<std::string> encoders;          ///< names; empty where the dataset has features
-  std::vector<std::string> default_encoders;  ///< used where it has pictures and `encoders` is empty
-  EncoderFiles files;                         ///< of the encoders
-  int most_frames = 1000;                     ///< of each recording, from its beginning
-  int raw_frames = 128;                       ///< of those, as pixels
-  std::string store;                          ///< folder of the feature store
+  Source source;           ///< dataset and folder; its traversal is the one learned from
+  std::string encoder;     ///< of pictures; empty: the default one
+  EncoderFiles files;      ///< of the encoder
+  int most_frames = 1000;  ///< of each recording, from its beginning
+  int raw_frames = 128;    ///< of those, as pixels
+  std::string store;       ///< folder of the feature store
 };
 
 /// The recordings of the study: the route as each traversal shows it, in each representation. Frame i is the same place

@@ -5,9 +5,6 @@ import math
 import statistics
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
-
-from inputs import number
 
 Bounds = tuple[float, float]
 SHARES: Bounds = (0, 1)
@@ -22,11 +19,6 @@ class Estimate:
     low: float = math.nan  # NaN: there is no interval
     high: float = math.nan
     n: int = 0  # values that it comes from
-
-    @classmethod
-    def of(cls, outcome: Any, mean: str, low: str, high: str, n: str) -> "Estimate":
-        """Returns the estimate that an outcome holds in these fields; none for a unit that failed."""
-        return cls(*(number(outcome[field]) for field in (mean, low, high)), outcome[n]) if outcome else cls()
 
 
 @lru_cache

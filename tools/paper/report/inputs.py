@@ -60,7 +60,6 @@ class Recordings:
     def __init__(self, data: Fields):
         self.drawn: bool = data["drawn"]  # else they are real recordings
         self.train: str = data["train"]  # the traversal learned from
-        self.frames: int = data["frames"]
         self.conditions: dict[str, str] = {row["name"]: row["condition"] for row in data["traversals"]}
         self.names: list[str] = list(self.conditions)  # the one learned from first
 

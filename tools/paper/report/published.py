@@ -32,10 +32,6 @@ def published(agent: str, features: int) -> Published:
     return {"baseline": BASELINE, "raw_images": RAW_IMAGES}.get(agent, Published())
 
 
-# How the AUC of place recognition falls, as a share of the best condition's: a value to compare with, and the text.
-RECOGNITION_SHARES = {"winter": (0.5, "0.50"), "night": (math.nan, "under 0.25")}
-
-
 @dataclass(frozen=True)
 class Released:
     """An agent that the paper's authors released, run by this project: NetVLAD features (64) of Nordland's first 128

@@ -6,12 +6,11 @@ from pathlib import Path
 
 from inputs import InputError, Inputs
 from page import Page
-from sections import comparisons, figures, recognition
+from sections import comparisons, figures
 from study import Study
 
 RENDERERS = {
-    "figure-2": figures.figure_2, "figure-6": recognition.render, "figure-7": figures.figure_7,
-    "figure-8-9": figures.figure_8_9,
+    "figure-2": figures.figure_2, "figure-7": figures.figure_7, "figure-8-9": figures.figure_8_9,
     "longer-routes": comparisons.longer_routes, "imperfect-world": comparisons.imperfect_world,
     "dimensions": comparisons.dimensions}
 

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the paper has figures of: trainings, deployments, place recognition, and its main finding.
+// What the paper has figures of: trainings, deployments, and its main finding.
 #include <algorithm>
-#include <cmath>
 
-#include "encoder_service/encoding/encoder.h"
-#include "tools/lab/recognition/methods.h"
 #include "tools/paper/sections/sections.h"
 
 namespace citylearn::paper {
@@ -14,8 +11,6 @@ namespace {
 const std::vector<int> kPaperDimensions = {64, 512, 2048, 4096};
 /// Those that the section on them compares.
 const std::vector<int> kDimensions = {64, 128, 512, 2048, 4096};
-/// An answer of place recognition is right when it is at most so many frames off.
-constexpr int kPlaceTolerance = 2;
 
 /// The paper's agent on another representation, with fewer seeds where there are more features, as its training takes
 /// longer.
@@ -30,48 +25,13 @@ Agent wide_agent(const Context& context, const std::string& representation) {
 
 /// Returns the paper's agent on more features than the others compare it on, as many as the data allow.
 std::vector<Agent> wide_agents(const Context& context) {
-  const std::string narrow = context.paper_agent().representation, encoder = encoder_of(narrow) + "-";
+  World& world = context.world;
+  const int narrow = world.features(context.paper_agent().representation);
   std::vector<Agent> agents;
-  for (const std::string& representation : context.world.representations(kPaperDimensions))
-    if (representation.starts_with(encoder) && context.world.features(representation) > context.world.features(narrow))
-      agents.push_back(wide_agent(context, representation));
+  for (const std::string& representation : world.representations(kPaperDimensions))
+    if (world.features(representation) > narrow) agents.push_back(wide_agent(context, representation));
   if (context.quick && agents.size() > 1) agents.erase(agents.begin(), agents.end() - 1);
   return agents;
-}
-
-Json recognise(World& world, const std::string& representation, const std::string& method, const std::string& query) {
-  const auto matrix = [&](const std::string& name) {
-    const Traversal& traversal = world.traversal(representation, name);
-    return Eigen::Map<const Eigen::MatrixXf>(traversal.features.data(), traversal.dimension, traversal.frames);
-  };
-  const Eigen::MatrixXf reference = matrix(world.train()), frames = matrix(query);
-  const auto truth =
-      GroundTruth::by_index(static_cast<int>(reference.cols()), static_cast<int>(frames.cols()), kPlaceTolerance);
-  const Answers answers = lab::Method(method).run(reference, frames, truth, {}).answers;
-  throw_if_stopped();
-  const Interval interval = auc_interval(answers, 1);
-  return {{"queries", answers.queries()},
-          {"auc", precision_recall(answers).auc},
-          {"auc_low", interval.low},
-          {"auc_high", interval.high},
-          {"recall", recall_at(answers, 1)}};
-}
-
-/// Adds the unit that recognises all frames of `query` among those of the traversal learned from. Outcome: {"queries",
-/// "auc", "auc_low", "auc_high", "recall"}; the interval comes from resampled blocks of neighbouring frames. Returns
-/// {"representation", "method", "query", "unit"}.
-Json add_recognition(const std::string& representation, const std::string& method, const std::string& query, Work& work,
-                     World& world) {
-  const double size = world.frames() / 640.0;  // each frame is a class, and an example
-  const int unit = work.add({"recognition of '" + query + "' by " + representation + ", " + method,
-                             {{"kind", "recognition"},
-                              {"representation", representation},
-                              {"method", method},
-                              {"frames", world.frames()},
-                              {"recordings", {world.hash(world.train()), world.hash(query)}}},
-                             size * size * (method == "mlp" ? 1.5 : 0.1),
-                             [=, &world] { return recognise(world, representation, method, query); }});
-  return {{"representation", representation}, {"method", method}, {"query", query}, {"unit", unit}};
 }
 
 void without_deployments(Study& study) { study.deploy_every = 0; }
@@ -82,28 +42,6 @@ Plan figure_2(const Context& context) {
   Plan plan{context.world, {{context.agents}}};
   for (const Agent& agent : wide_agents(context)) plan.points.push_back({{agent}, {}, without_deployments});
   return plan;
-}
-
-Plan figure_6(const Context& context) {
-  World& world = context.world;
-  std::vector<std::string> queries = world.names();
-  if (queries.size() > 1) queries.erase(queries.begin());
-  std::vector<std::string> representations = world.representations(kPaperDimensions);
-  std::erase(representations, "raw84");  // pixels are for agents that learn to see
-  // The paper's classifier, and the plain nearest frame beside it.
-  const std::vector<std::string> methods = {"mlp", "nearest"};
-  Json cases = Json::array();
-  for (const std::string& representation : representations)
-    for (const std::string& method : methods)
-      for (const std::string& query : queries)
-        cases.push_back(add_recognition(representation, method, query, context.work, world));
-  return {world,
-          {},
-          {{"tolerance", kPlaceTolerance},
-           {"representations", representations},
-           {"methods", methods},
-           {"queries", queries},
-           {"cases", cases}}};
 }
 
 Plan figure_7(const Context& context) { return {context.world, {{context.agents}}}; }

@@ -43,7 +43,6 @@ Json described(const Study& study, const std::string& label, World& world) {
 const std::vector<Section>& sections() {
   static const std::vector<Section> all = {
       {"figure-2", "Fig. 2: what training costs", figure_2},
-      {"figure-6", "Fig. 6: place recognition", figure_6},
       {"figure-7", "Fig. 7: training curves", figure_7},
       {"figure-8-9", "Fig. 8 and 9: deployment and generalisation", figure_8_9},
       {"longer-routes", "Beyond the paper: longer routes", longer_routes},

@@ -75,7 +75,6 @@ Json planned(const Section& section, const Context& context);
 std::vector<std::string> few_traversals(const World& world);
 
 Plan figure_2(const Context& context);
-Plan figure_6(const Context& context);
 Plan figure_7(const Context& context);
 Plan figure_8_9(const Context& context);
 /// The paper's main finding, tried: agents that learn from more and fewer features of the same encoder.

@@ -39,7 +39,7 @@ class DimensionsSection : public SectionTest {
     WorldOptions options;
     options.source.parameters["synthetic"] = {
         {"frames", 130}, {"images", pictures ? 1.0 : 0.0}, {"width", 64}, {"height", 48}};
-    if (pictures) options.encoders = {"hog"};
+    if (pictures) options.encoder = "hog";
     return options;
   }
 };
