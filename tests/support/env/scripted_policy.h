@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/wire/node.h"
-#include "tests/support/env/localisers.h"
+#include "tests/support/env/walkers.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
