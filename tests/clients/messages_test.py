@@ -106,10 +106,10 @@ class Learner(unittest.TestCase):
             peer.wait(0.1)
             seen |= {one.service for one in take()}
 
-    def test_it_completes_every_task_over_both_vendors(self):
+    def test_it_completes_every_task_over_both_vendors_and_a_lossy_wire(self):
         program = SOURCE / "python/examples/peer.py"
         self.assertLessEqual(len(program.read_text().splitlines()), 60)
-        for vendor in "cyclonedds", "fastdds":
+        for vendor in "cyclonedds", "fastdds", "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=3:cyclonedds":
             with self.subTest(vendor), running(*env_services(1, middleware=vendor)):
                 done = subprocess.run([sys.executable, "-B", program, f"--domain={DOMAIN}", "--frames=32", "--tasks=64"],
                                       env={"PYTHONPATH": FOLDER.name}, capture_output=True, text=True, timeout=100, check=False)

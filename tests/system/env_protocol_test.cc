@@ -1,57 +1,125 @@
 // SPDX-License-Identifier: Apache-2.0
 // One env_service and a scripted policy: over each vendor, and in simulation, also over a transport that loses, repeats
-// and reorders. Whatever happens on the way, the episodes are those of an Environment walked
-// by hand.
-#include "tests/support/env/env_protocol.h"
-
+// and reorders. Whatever happens on the way, the episodes are those of an Environment walked by hand.
 #include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
 
-#include <algorithm>
-
-#include "core/exchange/incumbent.h"
+#include "tests/paths.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/scripted_policy.h"
+#include "tests/support/options.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
 
-TEST_P(EnvProtocol, ByReferenceObservationsNameTheirFramesAndNothingElseChanges) {
-  const std::uint32_t count = 16;
-  msg::TaskSettings by_reference = tasks(count);
-  by_reference.by_reference() = true;
-  policy_->command(by_reference);
-  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 5; }));
-  EXPECT_TRUE(policy_->seen.by_reference());
-  EXPECT_EQ(policy_->seen.feature_dimension(), 0u);
-  EXPECT_TRUE(policy_->seen.features().empty());
-  EXPECT_EQ(policy_->seen.frame().size(), std::size_t{kAgents});
-  expect_evaluation(count);
-  ASSERT_TRUE(policy_->until([&] { return policy_->info.by_reference(); })) << "and so does its TraversalInfo";
-  EXPECT_EQ(policy_->info.feature_dimension(), 64u);
-  // A policy_service that asks for nothing gets features.
-  policy_->command(tasks(count));
-  ASSERT_TRUE(policy_->until([&] { return policy_->in_force() && policy_->steps() > 5; }));
-  EXPECT_FALSE(policy_->seen.by_reference());
-  EXPECT_EQ(policy_->seen.features().size(), std::size_t{kAgents} * 64);
-}
+constexpr int kSummerFrames = 200, kSummerAgents = 8;
+constexpr char kLoss[] = "lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=";
+
+struct Wire {
+  const char* name;
+  const char* middleware;
+  std::uint32_t domain;
+  bool lossy;
+};
+
+#ifdef CITYLEARN_SIMULATED
+constexpr Wire kWires[] = {{"simulated", "simulated", 0, false}, {"lossy", "simulated", 0, true}};
+#else
+constexpr Wire kWires[] = {{"cyclonedds", "cyclonedds", 40, false}, {"fastdds", "fastdds", 41, false}};
+#endif
+std::string wire_name(const ::testing::TestParamInfo<Wire>& wire) { return wire.param.name; }
+
+Traversal summer() { return make_dataset("synthetic", "", {{"frames", kSummerFrames}, {"images", 0}})->load("summer"); }
+
+/// An env_service on traversal `summer` of a small synthetic city.
+class SummerService {
+ public:
+  SummerService(const Wire& wire, const std::string& run) {
+    Arguments command{CITYLEARN_ENV_SERVICE, "--synthetic-images", "0", "--session", run};
+    command.insert(command.end(),
+                   {"--domain", std::to_string(wire.domain), "--middleware", middleware(wire, 1).name, "--agents",
+                    std::to_string(kSummerAgents), "--synthetic-frames", std::to_string(kSummerFrames)});
+    service_ = std::make_unique<Service>(command, folder_ / "log");
+  }
+  ~SummerService() {
+    // Recorders of this process may seem to live.
+    EXPECT_EQ(service_->end(SIGTERM, seconds(8)), 0) << service_->output();
+  }
+  static MiddlewareOptions middleware(const Wire& wire, int seed) {
+    return middleware_options((wire.lossy ? kLoss + std::to_string(seed) + ":" : "") + wire.middleware, wire.domain);
+  }
+
+ private:
+  Folder folder_;
+  std::unique_ptr<Service> service_;
+};
+
+/// An env_service and a scripted policy, which is to walk the episodes of an Environment without any wire.
+class EnvProtocol : public ::testing::TestWithParam<Wire> {
+ protected:
+  EnvProtocol() : run_("env-protocol-" + std::to_string(getpid())), host_(GetParam(), run_), policy_(new_policy()) {
+    spdlog::set_level(spdlog::level::warn);
+  }
+  ~EnvProtocol() override { spdlog::set_level(spdlog::level::info); }
+
+  /// Returns another process of the policy_service.
+  std::unique_ptr<ScriptedPolicy> new_policy() {
+    auto policy = std::make_unique<ScriptedPolicy>(SummerService::middleware(GetParam(), 2), run_, "env-summer");
+    policy->walker = &blind_;
+    return policy;
+  }
+  /// Commands training on so many frames; false when it does not come beyond `steps`.
+  bool trains(std::uint32_t frames, std::uint64_t steps) {
+    policy_->command(settings(msg::TRAIN, frames, 64));
+    return policy_->until([&] { return policy_->steps() > steps; });
+  }
+
+  /// Expects `count` episodes, the same as those of these settings and this walker without a wire.
+  void expect_evaluation(std::uint64_t count) {
+    ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
+    const Traversal traversal = summer();
+    Environment environment(traversal, kSummerAgents);
+    BlindSweep walker(64);
+    const auto expected = evaluate(environment, policy_->commanded(), walker);
+    ASSERT_EQ(policy_->episodes.size(), expected.size());
+    std::uint64_t number = 0;
+    for (const auto& [episode, stat] : policy_->episodes) {
+      EXPECT_EQ(episode, ++number) << "without gaps, from 1";
+      ASSERT_TRUE(expected.contains(static_cast<int>(stat.task())));
+      const Environment::Episode& other = expected.at(static_cast<int>(stat.task()));
+      EXPECT_TRUE(same(stat.settings(), policy_->commanded().settings()));
+      EXPECT_TRUE(stat.evaluation());
+      EXPECT_EQ(std::string(stat.traversal().c_str()), "summer");
+      EXPECT_EQ(static_cast<int>(stat.agent()), other.agent);
+      EXPECT_EQ(static_cast<int>(stat.start()), other.start);
+      EXPECT_EQ(static_cast<int>(stat.goal()), other.goal);
+      EXPECT_EQ(static_cast<int>(stat.steps()), other.steps);
+      EXPECT_EQ(static_cast<int>(stat.shortest()), other.shortest);
+      EXPECT_EQ(stat.reward(), other.reward);
+      EXPECT_EQ(stat.completed(), other.completed);
+    }
+  }
+
+  static msg::TaskSettings tasks(std::uint32_t count) { return evaluation(count, 64, 64); }
+  static msg::TaskSettings idle() {
+    msg::TaskSettings settings;
+    settings.task_mode() = msg::IDLE;
+    return settings;
+  }
+
+  const std::string run_;
+  SummerService host_;
+  BlindSweep blind_{64};
+  std::unique_ptr<ScriptedPolicy> policy_;
+};
 
 TEST_P(EnvProtocol, WholeEvaluation) {
   const std::uint32_t count = GetParam().lossy ? 20 : 100;  // each loss costs 50 ms
   policy_->command(tasks(count));
   expect_evaluation(count);
-}
-
-TEST_P(EnvProtocol, LostActionsOnlyCostTime) {
-  policy_->ignore_every = 7;
-  policy_->command(tasks(16));
-  expect_evaluation(16);
-  ASSERT_TRUE(policy_->until([&] { return policy_->status.resent() > 5; }));
-}
-
-TEST_P(EnvProtocol, RepeatedActionsChangeNothing) {
-  policy_->copies = 3;
-  policy_->command(tasks(24));
-  expect_evaluation(24);
-  ASSERT_TRUE(policy_->until([&] { return policy_->status.repeated() > 50; }));
 }
 
 TEST_P(EnvProtocol, ActionsOfOtherSettingsStepsAndIncarnationsChangeNothing) {
@@ -67,46 +135,6 @@ TEST_P(EnvProtocol, ActionsOfOtherSettingsStepsAndIncarnationsChangeNothing) {
     policy_->node.publish(wrong);
   };
   expect_evaluation(16);
-}
-
-TEST_P(EnvProtocol, MaskedActionsAreRejectedAndTheGoodOneStillCounts) {
-  policy_->command(tasks(8));
-  int spoiled = 0;
-  policy_->spoil = [&](msg::Action& action) {
-    if (action.step() % 10 != 0) return;
-    msg::Action bad = action;
-    switch (++spoiled % 3) {
-      case 0:
-        bad.choice().pop_back();
-        break;
-      case 1:
-        bad.choice().push_back(kStay);
-        break;
-      case 2:
-        for (std::size_t agent = 0; agent < bad.choice().size(); ++agent) {
-          const std::uint8_t allowed = policy_->seen.allowed()[agent];
-          if (!(allowed >> kPrevious & 1)) bad.choice()[agent] = kPrevious;
-          if (!(allowed >> kNext & 1)) bad.choice()[agent] = kNext;
-        }
-        break;
-    }
-    if (bad.choice() != action.choice()) policy_->node.publish(bad);
-  };
-  expect_evaluation(8);
-  ASSERT_TRUE(policy_->until([&] { return policy_->status.rejected() > 0; }));
-}
-
-TEST_P(EnvProtocol, TrainingGoesOnForEver) {
-  policy_->command(settings(msg::TRAIN, 32, 64));
-  const std::uint64_t enough = GetParam().lossy ? 20 : 100;
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded >= enough; }));
-  for (const auto& [number, stat] : policy_->episodes) {
-    EXPECT_FALSE(stat.evaluation());
-    EXPECT_LT(stat.start(), 32u);
-    EXPECT_LT(stat.goal(), 32u);
-  }
-  ASSERT_TRUE(
-      policy_->until([&] { return policy_->status.service_state() == msg::RUNNING && policy_->status.rate() > 0; }));
 }
 
 TEST_P(EnvProtocol, RestartedPolicyTakesOverMidEpisode) {
@@ -157,26 +185,6 @@ TEST_P(EnvProtocol, APolicyWhoseClockWasSetBackTakesOver) {
       [&] { return same(policy_->info.settings(), earlier.settings()); }, kMaxWait));
 }
 
-TEST_P(EnvProtocol, OlderSettingsAreIgnoredAndRepeatedOnesConfirmedAgain) {
-  policy_->command(idle());
-  ASSERT_TRUE(policy_->until([&] { return policy_->in_force(); }));
-  policy_->command(idle());
-  ASSERT_TRUE(policy_->until([&] { return policy_->in_force(); }));
-  EXPECT_EQ(policy_->info.settings().version(), 2u);
-  msg::TaskSettings old = policy_->commanded();
-  old.settings().version() = 1;
-  old.task_mode() = msg::TRAIN;
-  old.frames() = 10;
-  old.max_steps() = 10;
-  policy_->node.publish(old);
-  msg::TaskSettings again = policy_->commanded();
-  const int before = policy_->infos;
-  policy_->node.publish(again);
-  ASSERT_TRUE(policy_->until([&] { return policy_->infos > before; }));
-  EXPECT_EQ(policy_->info.settings().version(), 2u);
-  EXPECT_EQ(policy_->observations, 0);
-}
-
 TEST_P(EnvProtocol, IdleIsConfirmedAndSilent) {
   ASSERT_TRUE(trains(32, 5));
   policy_->command(idle());
@@ -203,57 +211,31 @@ TEST_P(EnvProtocol, RefusedSettingsAreToldAndNotInForce) {
   ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() != msg::FAILED && policy_->steps() > 5; }));
 }
 
-TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
-  // No more than are repeated at once, or those lost after the first 64 would wait for an acknowledgement.
-  const std::uint32_t count = GetParam().lossy ? 16 : 60, part = count * 2 / 3;
-  policy_->acknowledge = false;
-  policy_->command(tasks(count));
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
-  const int before = policy_->episode_messages;
-  ASSERT_TRUE(policy_->until([&] { return policy_->episode_messages >= before + static_cast<int>(count); })) << "again";
-  // Acknowledged in part: only the rest is repeated, and says so, once what was on its way has come.
-  const auto newest = [&](const auto& entry) { return entry.first > part && entry.second.log().first() == part + 1; };
-  const auto only_the_rest = [&] {
-    return policy_->episodes.size() == count - part &&
-           std::all_of(policy_->episodes.begin(), policy_->episodes.end(), newest);
-  };
-  const Clock::time_point deadline = Clock::now() + kMaxWait;
-  while (!only_the_rest() && Clock::now() < deadline) {
-    // The first copy that comes is kept: older ones make room for newer ones.
-    std::erase_if(policy_->episodes, [&](const auto& entry) { return !newest(entry); });
-    policy_->send_acknowledgement(part);
-    policy_->until(only_the_rest, milliseconds(500));
-  }
-  ASSERT_TRUE(only_the_rest());
-  // A wrong acknowledgement covers nothing.
-  policy_->send_acknowledgement(count + 1);
-  policy_->episodes.clear();
-  ASSERT_TRUE(policy_->until([&] { return policy_->episodes.size() == count - part; }));
-  // All acknowledged: the counter of repetitions stands still over three heartbeats.
-  std::uint64_t resent = 0;
-  int quiet = 0, statuses = policy_->statuses;
-  ASSERT_TRUE(until_asking([&] { policy_->send_acknowledgement(count); },
-                           [&] {
-                             if (policy_->statuses != statuses) {
-                               statuses = policy_->statuses;
-                               quiet = policy_->status.resent() == resent ? quiet + 1 : 0;
-                               resent = policy_->status.resent();
-                             }
-                             return quiet >= 3;
-                           }));
-}
-
-/// The dashboard comes late, dies in the middle and comes back; the policy_service has had everything long before.
-TEST_P(EnvProtocol, SilentPolicyIsWaitedFor) {
-  policy_->command(tasks(16));
-  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 10; }));
-  policy_->walker = nullptr;
-  ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() == msg::WAITING; }));
-  EXPECT_EQ(std::string(policy_->status.activity()), "waiting for the policy_service");
-  const int infos = policy_->infos;
-  ASSERT_TRUE(policy_->until([&] { return policy_->infos > infos; })) << "who comes next must find it";
-  policy_->walker = &blind_;
-  expect_evaluation(16);
+TEST_P(EnvProtocol, ScenesAreForWhoeverWatches) {
+  ASSERT_TRUE(trains(64, 10));
+  policy_->node.create_reader<msg::Scene>();
+  msg::Scene scene;
+  const Clock::time_point since = Clock::now();
+  int scenes = 0;
+  std::uint64_t step = 0;
+  ASSERT_TRUE(policy_->until([&] {
+    while (policy_->node.take(scene)) {
+      ++scenes;
+      EXPECT_GE(scene.step() + (GetParam().lossy ? 1000 : 0), step);
+      step = scene.step();
+    }
+    return scenes >= 8;
+  }));
+  const double elapsed = std::chrono::duration<double>(Clock::now() - since).count();
+  EXPECT_LE(scenes, 10 * elapsed + 3 + (GetParam().lossy ? scenes : 0)) << "no more than a person can follow";
+  EXPECT_TRUE(same(scene.settings(), policy_->commanded().settings()));
+  EXPECT_EQ(scene.frame().size(), std::size_t{kSummerAgents});
+  policy_->command(idle());
+  ASSERT_TRUE(policy_->until([&] {
+    while (policy_->node.take(scene)) continue;
+    return scene.task_mode() == msg::IDLE;
+  })) << "nobody is anywhere";
+  EXPECT_TRUE(scene.frame().empty());
 }
 
 INSTANTIATE_TEST_SUITE_P(Wires, EnvProtocol, ::testing::ValuesIn(kWires), wire_name);

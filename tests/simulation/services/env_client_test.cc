@@ -6,10 +6,8 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
-#include <optional>
+#include <string>
 
-#include "core/exchange/object_fetch.h"
-#include "core/exchange/timing.h"
 #include "core/util/random.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
@@ -202,34 +200,6 @@ TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   owner.publish(info);
   ASSERT_TRUE(player.until([&] { return player.node.traffic.received >= 5; }));
   EXPECT_EQ(player.node.traffic.rejected, 1u) << "nobody wants it any more";
-}
-
-TEST_F(EnvClientTest, MapsTellWhereEachFrameWasRecorded) {
-  Traversal traversal = wide_traversal("road", 3000, 1);
-  for (int i = 0; i < traversal.frames; ++i) {
-    traversal.positions[static_cast<std::size_t>(i)] = static_cast<float>(i);
-    traversal.latitude.push_back(-27 + 1e-9 * i);
-    traversal.longitude.push_back(153 + 1e-9 * i);
-  }
-  const Host host(traversal, 1, run_);
-  Player player(run_);
-  ASSERT_TRUE(player.env("env-road"));
-  player.node.create_reader<msg::RouteMapChunk>();
-  ObjectFetch fetch({.hash = traversal.hash(), .retry = kDashboardRetry});
-  fetch.want(0);
-  msg::RouteMapRequest request;
-  request.server() = "env-road";
-  msg::RouteMapChunk chunk;
-  std::optional<FetchedObject> object;
-  ASSERT_TRUE(player.until([&] {
-    if (fetch.ask(Clock::now(), request)) player.node.publish(request);
-    while (player.node.take(chunk)) fetch.take(chunk, Clock::now());
-    return (object = fetch.next()).has_value();
-  }));
-  const auto map = decode_object<msg::RouteMap>(object->bytes);
-  EXPECT_EQ(map.position(), traversal.positions);
-  EXPECT_EQ(map.latitude(), traversal.latitude);
-  EXPECT_EQ(map.longitude(), traversal.longitude);
 }
 
 TEST_F(EnvClientTest, AnErrorAboutOneEnvServiceConcernsItAlone) {

@@ -137,16 +137,6 @@ TEST_F(Misfits, AStopEndsTheWaitForFeatures) {
   EXPECT_EQ(occurrences(run->output(), "'a-miser' joins"), 1) << run->output();
 }
 
-TEST_F(Misfits, OneThatDoesNotConfirmItsSettingsIsNamedSoon) {
-  Miser miser(trial_.middleware());
-  const auto run = policy({"--mode", "evaluate", "--agent", "blind"});
-  const auto named = [&] {
-    miser.introduce();
-    return contains(witness_.alarm("policy"), "env_service 'a-miser': does not confirm its settings");
-  };
-  EXPECT_TRUE(witness_.until(named, kShortWait)) << run->output();
-}
-
 TEST_F(Misfits, AnEvaluationGoesOnWithAnotherWhenItsOwnDies) {
   auto one = env("one", "summer", 160);
   const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "1000000"});

@@ -278,32 +278,5 @@ TEST(Checkpoint, KnowsItsDataAndRefusesOthers) {
   EXPECT_TRUE(contains(elsewhere->output(), "place  sequence")) << "it remembers what the agent does";
 }
 
-TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
-  Trial run("simulated");
-  const auto summer = run.env("summer");
-  const auto trained = run.train(4, "out");
-  ASSERT_EQ(trained->wait(kLongWait), 0) << trained->output();
-  const auto [name, bytes] = run.checkpoint("out");
-  const std::string path = run.folder() / ("out/checkpoints/" + name);
-  const auto again = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
-                                 "--output", run.folder() / "again"});
-  ASSERT_EQ(again->wait(kLongWait), 0) << again->output();
-  EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"],
-            Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
-  const std::string episodes = contents(run.folder() / "out/episodes.csv");
-  const std::string summary = contents(run.folder() / "out/summary.json");
-  const auto into_it = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
-                                   "--output", run.folder() / "out"});
-  EXPECT_EQ(into_it->wait(kLongWait), 1) << into_it->output();
-  EXPECT_TRUE(contains(into_it->output(), "out/manifest.json: belongs to an earlier run"));
-  EXPECT_EQ(contents(run.folder() / "out/episodes.csv"), episodes) << "the training's";
-  EXPECT_EQ(contents(run.folder() / "out/summary.json"), summary) << "the training's";
-  const std::string damaged = run.folder() / "damaged";
-  make_file(damaged, bytes.substr(0, bytes.size() - 7));
-  const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", damaged});
-  EXPECT_EQ(policy->wait(seconds(10)), 1) << policy->output();
-  EXPECT_TRUE(contains(policy->output(), damaged));
-}
-
 }  // namespace
 }  // namespace citylearn::testing

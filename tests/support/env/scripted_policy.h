@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/wire/node.h"
-#include "tests/support/env/localisers.h"
+#include "tests/support/env/walkers.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
@@ -24,7 +24,6 @@ class ScriptedPolicy {
                  const std::string& id = "policy")
       : environment_(environment), node({middleware, "policy_service", id, run}) {
     node.create_reader<msg::TraversalInfo>();
-    node.create_reader<msg::TraversalChunk>();
     node.create_reader_at<msg::Observation>(environment);
     node.create_reader<msg::EpisodeStat>();
     node.create_reader<msg::ServiceStatus>();
@@ -38,8 +37,6 @@ class ScriptedPolicy {
 
   // How to behave.
   Walker* walker = nullptr;                 ///< none: observations are not answered
-  int copies = 1;                           ///< of each Action
-  int ignore_every = 0;                     ///< each so many-th observation is not answered before it comes again
   bool acknowledge = true;                  ///< EpisodeStats, up to the first gap
   std::function<void(msg::Action&)> spoil;  ///< changes an Action before it goes out
 
@@ -47,13 +44,10 @@ class ScriptedPolicy {
   msg::TraversalInfo info;
   int infos = 0;
   msg::Observation seen;  ///< the newest
-  int observations = 0, repeated = 0;
+  int observations = 0;
   std::map<std::uint64_t, msg::EpisodeStat> episodes;  ///< by number
-  int episode_messages = 0;
-  std::uint64_t recorded = 0;                           ///< all up to this one are in `episodes`
-  std::map<std::uint32_t, msg::TraversalChunk> chunks;  ///< of its first object
+  std::uint64_t recorded = 0;                          ///< all up to this one are in `episodes`
   msg::ServiceStatus status;
-  int statuses = 0;
 
   /// New settings; sent until an Observation or a TraversalInfo carries them.
   void command(msg::TaskSettings settings) {
@@ -68,7 +62,6 @@ class ScriptedPolicy {
   bool in_force() const { return in_force_; }
   const msg::TaskSettings& commanded() const { return commanded_; }
   std::uint64_t steps() const { return next_step_; }
-  void give_up() { version_ = 0; }
 
   bool until(const std::function<bool()>& condition, milliseconds patience = kMaxWait) {
     return eventually([this] { spin(); }, condition, patience);
@@ -95,17 +88,12 @@ class ScriptedPolicy {
       }
     while (node.take(taken_observation_)) on_observation();
     while (node.take(taken_episode_)) {
-      ++episode_messages;
       episodes.emplace(taken_episode_.log().number(), taken_episode_);
       while (episodes.contains(recorded + 1)) ++recorded;
       if (acknowledge) send_acknowledgement(recorded);
     }
-    while (node.take(taken_chunk_)) chunks[taken_chunk_.chunk()] = taken_chunk_;
     while (node.take(taken_status_))
-      if (taken_status_.header().sender() == environment_) {
-        status = taken_status_;
-        ++statuses;
-      }
+      if (taken_status_.header().sender() == environment_) status = taken_status_;
   }
 
   void send_acknowledgement(std::uint64_t episode, bool leaving = false) {
@@ -118,15 +106,6 @@ class ScriptedPolicy {
     message.number() = episode;
     node.publish(message);
   }
-  void request(std::uint64_t hash, const std::vector<std::uint32_t>& wanted) {
-    msg::TraversalRequest message;
-    message.server() = environment_;
-    message.hash() = hash;
-    message.part() = info.feature_dimension();
-    message.items() = {0};
-    message.chunks() = wanted;
-    node.publish(message);
-  }
   /// `seen`, answered by hand.
   void answer(const std::vector<std::uint8_t>& choice) {
     msg::Action action;
@@ -137,7 +116,7 @@ class ScriptedPolicy {
     action.choice() = choice;
     if (spoil) spoil(action);
     last_action_ = action;
-    for (int copy = 0; copy < copies; ++copy) node.publish(action);
+    node.publish(action);
   }
 
  private:
@@ -148,17 +127,12 @@ class ScriptedPolicy {
     in_force_ = true;
     const std::uint64_t step = taken_observation_.step();
     if (step < next_step_) {
-      ++repeated;
       if (step + 1 == next_step_ && last_action_.step() == step) node.publish(last_action_);
       return;
     }
     if (step > next_step_) return;
     seen = taken_observation_;
     if (!walker) return;
-    if (ignore_every > 0 && step % ignore_every == 0 && ignored_ != step + 1) {
-      ignored_ = step + 1;
-      return;
-    }
     choice_.resize(seen.goal().size());
     bool all_idle = true;
     for (std::size_t agent = 0; agent < choice_.size(); ++agent) {
@@ -174,14 +148,13 @@ class ScriptedPolicy {
   msg::TaskSettings commanded_;
   bool in_force_ = false, left_ = false;
   Clock::time_point next_acknowledgement_;
-  std::uint64_t next_step_ = 0, ignored_ = 0;
+  std::uint64_t next_step_ = 0;
   Clock::time_point next_send_;
   std::vector<std::uint8_t> choice_;
   msg::Action last_action_;
   msg::TraversalInfo taken_info_;
   msg::Observation taken_observation_;
   msg::EpisodeStat taken_episode_;
-  msg::TraversalChunk taken_chunk_;
   msg::ServiceStatus taken_status_;
 };
 

@@ -8,7 +8,7 @@
 
 #include "env_service/environment.h"
 #include "tests/support/env/env.h"
-#include "tests/support/env/localisers.h"
+#include "tests/support/env/walkers.h"
 
 namespace citylearn::testing {
 namespace {

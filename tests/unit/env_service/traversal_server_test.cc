@@ -36,10 +36,10 @@ class PictureRequests : public ::testing::Test {
     encoder_.create_reader_at<msg::ImageChunk>("dashboard");  // whatever it is sent is seen here as well
   }
   void ask(const std::vector<std::uint64_t>& frames, const std::vector<std::uint32_t>& chunks = {},
-           const std::string& service = "encoder") {
+           const std::string& service = "encoder", int other = 0) {
     msg::ImageRequest request;
     request.server() = "env";
-    request.hash() = environment_.traversal_hash();
+    request.hash() = environment_.traversal_hash() + static_cast<std::uint64_t>(other);
     request.items() = frames;
     request.chunks() = chunks;
     (service == "encoder" ? encoder_ : dashboard_).publish(request);
@@ -68,6 +68,18 @@ class PictureRequests : public ::testing::Test {
 };
 
 using Frames = std::vector<int>;
+
+TEST_F(PictureRequests, AreOfWhatIsAnnounced) {
+  const msg::TraversalInfo info = server_.info();
+  EXPECT_EQ(info.dataset(), "test");
+  EXPECT_EQ(info.traversal(), "line");
+  EXPECT_EQ(info.condition(), traversal_.condition);
+  EXPECT_EQ(info.hash(), traversal_.hash());
+  EXPECT_EQ(info.frames(), 6u);
+  EXPECT_EQ(info.feature_dimension(), 0u) << "an encoder_service has to come";
+  EXPECT_EQ(info.agents(), 1u);
+  EXPECT_TRUE(info.images());
+}
 
 TEST_F(PictureRequests, AreAnsweredOnePictureATickAndService) {
   ask({0, 1, 2});
@@ -98,6 +110,8 @@ TEST_F(PictureRequests, GoOnWithTheChunksThatAreMissing) {
   EXPECT_EQ(sent_by(2), (Frames{3, 3}));
   ask({2}, {7});
   EXPECT_EQ(sent_by(1), Frames{}) << "it has one chunk";
+  ask({2}, {}, "encoder", 1);
+  EXPECT_EQ(sent_by(1), Frames{}) << "another traversal was asked for";
 }
 
 TEST(TraversalServerOfStreets, AnnouncesThemInAFewBytes) {

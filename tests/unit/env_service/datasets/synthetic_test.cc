@@ -9,7 +9,6 @@
 
 #include "tests/paths.h"
 #include "tests/support/env/env.h"
-#include "tests/support/env/localisers.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -154,57 +153,6 @@ TEST(Synthetic, HarderAndHarderToRecognise) {
     EXPECT_GE(now, last) << name;
     last = now;
   }
-}
-
-Figures localise(Walker& walker, const Traversal& traversal) {
-  Environment environment(traversal, 16);
-  return walk(environment, evaluation(500), walker);
-}
-
-// On the recordings (same rules, same tasks): one frame alone 56 % and 79 steps in fall; the filter 100 %, 42.9 steps
-// in summer and 43.1 in fall, with shortest paths of 42.9.
-TEST(Synthetic, LocalisersDoAsWellAsOnRealFeatures) {
-  const auto dataset = features();
-  const Traversal summer = dataset->load("summer");
-  NearestNeighbour nearest(summer, 128);
-  SequenceFilter filter(summer, 128);
-  Figures figures = localise(nearest, summer);
-  EXPECT_EQ(figures.completed, 1);
-  EXPECT_EQ(figures.steps, figures.shortest);
-  figures = localise(filter, summer);
-  EXPECT_EQ(figures.completed, 1);
-  EXPECT_NEAR(figures.steps, figures.shortest, 0.3);
-  const Traversal fall = dataset->load("fall");
-  figures = localise(nearest, fall);
-  EXPECT_NEAR(figures.completed, 0.49, 0.07);
-  EXPECT_NEAR(figures.steps, 84, 10);
-  figures = localise(filter, fall);
-  EXPECT_EQ(figures.completed, 1);
-  EXPECT_NEAR(figures.steps, figures.shortest + 0.35, 0.3);
-  EXPECT_GT(figures.spl, 0.95);
-  const Traversal winter = dataset->load("winter"), night = dataset->load("night");
-  EXPECT_LT(localise(nearest, winter).completed, 0.3);
-  EXPECT_LT(localise(nearest, night).completed, 0.3);
-  const Figures in_winter = localise(filter, winter), at_night = localise(filter, night);
-  EXPECT_GE(in_winter.completed, 0.99);
-  EXPECT_GE(at_night.completed, 0.95);
-  EXPECT_GT(std::min(figures.spl, in_winter.spl), at_night.spl);
-}
-
-TEST(Synthetic, LocalisersOnRealFeatures) {
-  const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "nordland-netvlad64");
-  if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
-  const auto dataset = make_dataset("plain", folder);
-  const Traversal summer = dataset->load("summer"), fall = dataset->load("fall");
-  NearestNeighbour nearest(summer, 128);
-  SequenceFilter filter(summer, 128);
-  EXPECT_NEAR(localise(nearest, fall).completed, 0.56, 0.05);
-  const Figures in_summer = localise(filter, summer), in_fall = localise(filter, fall);
-  EXPECT_EQ(in_summer.completed, 1);
-  EXPECT_EQ(in_fall.completed, 1);
-  EXPECT_NEAR(in_summer.steps - in_summer.shortest, 0.1, 0.1);
-  EXPECT_NEAR(in_fall.steps - in_fall.shortest, 0.3, 0.2);
-  EXPECT_NEAR(in_fall.excess, 1.05, 0.02);
 }
 
 }  // namespace

@@ -9,12 +9,10 @@
 #include <mutex>
 #include <thread>
 
-#include "core/util/machine.h"
 #include "core/wire/node.h"
 #include "policy_service/ranks/shared_updates.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
-#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -83,7 +81,6 @@ class Rank {
   std::atomic<int> death = kNowhere;
   std::atomic<std::uint64_t> updates = 0;
   std::atomic<int> members = 0;
-  std::atomic<bool> meets = false;  ///< others can hear it
   std::atomic<bool> over = false;
   std::string error;
 
@@ -91,7 +88,6 @@ class Rank {
   void run() {
     try {
       Mortal group(options_, death);
-      meets = true;
       SharedUpdates sharing(group);
       LearnerState state;
       state.counters = {{"steps", 0}, {"updates", 0}};
@@ -182,36 +178,6 @@ TEST_F(Ranks, GoOnWithinThreeSecondsWithoutAKilledOneWhichComesBack) {
       ASSERT_TRUE(poll_until([&] { return rank->members == kRanks; }, seconds(20)))
           << "after a kill of " << killed << " at " << place << ": " << rank->error;
   }
-}
-
-TEST_F(Ranks, RefuseWhatDoesNotFitByName) {
-  const auto zero = start(0, 3), one = start(1, 3);
-  const auto refused = [&](RankOptions options, const std::string& why) {
-    Rank rank(record_, std::move(options));
-    rank.wait();
-    EXPECT_TRUE(contains(rank.error, why)) << rank.error;
-  };
-  ASSERT_TRUE(poll_until([&] { return zero->meets && one->meets; }, seconds(20)))
-      << "of two that differ the later one ends";
-  RankOptions other = options(2, 3);
-  other.identity = R"({"training": {"trainer": {"steps": 8192}}, "lockstep": false})";
-  refused(other, "rank 2: training.trainer.steps is 8192, that of the others 4096");
-  other.identity = R"({"training": {"trainer": {"steps": 4096}}, "lockstep": true})";
-  refused(other, "rank 2: lockstep is true, that of the others false");
-  refused(options(2, 4), "rank 2: --ranks is 4, that of the others 3");
-  const auto two = start(2, 3);
-  ASSERT_TRUE(two->reaches(3)) << two->error;
-  refused(options(1, 3), "rank 1: a living process, on " + host_name() + ", has this rank");
-  refused(options(2, 3), "rank 2: a living process, on " + host_name() + ", has this rank");
-  ASSERT_TRUE(zero->reaches(zero->updates + 3)) << zero->error;
-}
-
-TEST_F(Ranks, DoNotWaitForeverForOthers) {
-  RankOptions alone = options(1, 2);
-  alone.patience = milliseconds(1500);
-  Rank rank(record_, alone);
-  rank.wait();
-  EXPECT_TRUE(contains(rank.error, "of 2 ranks, these did not come within 1 s: 0")) << rank.error;
 }
 
 TEST_F(Ranks, GoOnWhateverStrangersSay) {

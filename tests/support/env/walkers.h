@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <map>
 #include <vector>
@@ -20,13 +19,6 @@ class Walker {
  public:
   virtual ~Walker() = default;
   virtual std::uint8_t act(const msg::Observation& seen, std::size_t agent) = 0;
-
- protected:
-  /// The mask shows the end of the route: turn round there.
-  static std::uint8_t turn(std::uint8_t action, std::uint8_t allowed) {
-    if (allowed >> action & 1) return action;
-    return action == kNext ? kPrevious : kNext;
-  }
 };
 
 /// Never looks. A goal in the lower half of a route of `frames` from frame 0: sets out backwards, else forwards.
@@ -34,9 +26,12 @@ class BlindSweep : public Walker {
  public:
   explicit BlindSweep(int frames) : frames_(frames), heading_(msg::MAX_AGENTS, kNext) {}
   std::uint8_t act(const msg::Observation& seen, std::size_t agent) override {
+    std::uint8_t& heading = heading_[agent];
     if (seen.flags()[agent] & msg::FLAG_FIRST)
-      heading_[agent] = static_cast<int>(seen.goal()[agent]) < frames_ / 2 ? kPrevious : kNext;
-    return heading_[agent] = turn(heading_[agent], seen.allowed()[agent]);
+      heading = static_cast<int>(seen.goal()[agent]) < frames_ / 2 ? kPrevious : kNext;
+    // The mask shows the end of the route: it turns round there.
+    if (!(seen.allowed()[agent] >> heading & 1)) heading = heading == kNext ? kPrevious : kNext;
+    return heading;
   }
 
  private:
@@ -50,72 +45,6 @@ class ShortestPath : public Walker {
   std::uint8_t act(const msg::Observation& seen, std::size_t agent) override {
     return seen.position()[agent] < seen.goal()[agent] ? kNext : kPrevious;
   }
-};
-
-/// Squared distances of one feature vector to the first `frames` frames of a reference traversal.
-inline std::vector<double> squared_distances(const Traversal& reference, int frames, const float* x) {
-  std::vector<double> distances(frames, 0.0);
-  for (int place = 0; place < frames; ++place) {
-    const float* y = reference.feature(place).data();
-    float sum = 0;
-    for (int k = 0; k < reference.dimension; ++k) sum += (x[k] - y[k]) * (x[k] - y[k]);
-    distances[place] = sum;
-  }
-  return distances;
-}
-
-/// The nearest reference frame is where it stands: no memory.
-class NearestNeighbour : public Walker {
- public:
-  NearestNeighbour(const Traversal& reference, int frames) : reference_(reference), frames_(frames) {}
-  std::uint8_t act(const msg::Observation& seen, std::size_t agent) override {
-    const std::vector<double> distances =
-        squared_distances(reference_, frames_, seen.features().data() + agent * reference_.dimension);
-    const auto nearest = std::min_element(distances.begin(), distances.end()) - distances.begin();
-    return turn(nearest < seen.goal()[agent] ? kNext : kPrevious, seen.allowed()[agent]);
-  }
-
- private:
-  const Traversal& reference_;
-  int frames_;
-};
-
-/// Bayes over the places: likelihood exp(-|x - x_ref|^2 / (2 0.3^2)), known motion, then to the heavier side of the
-/// goal.
-class SequenceFilter : public Walker {
- public:
-  SequenceFilter(const Traversal& reference, int frames)
-      : reference_(reference), frames_(frames), beliefs_(msg::MAX_AGENTS) {}
-  std::uint8_t act(const msg::Observation& seen, std::size_t agent) override {
-    constexpr double kSigma = 0.3, kNever = -50;
-    std::vector<double>& belief = beliefs_[agent];
-    if (seen.flags()[agent] & msg::FLAG_FIRST) {
-      belief.assign(frames_, 0.0);
-    } else if (seen.previous_action()[agent] == kNext) {
-      belief.insert(belief.begin(), kNever);
-      belief.pop_back();
-    } else if (seen.previous_action()[agent] == kPrevious) {
-      belief.erase(belief.begin());
-      belief.push_back(kNever);
-    }
-    const std::vector<double> distances =
-        squared_distances(reference_, frames_, seen.features().data() + agent * reference_.dimension);
-    const int goal = static_cast<int>(seen.goal()[agent]);
-    for (int place = 0; place < frames_; ++place) belief[place] -= distances[place] / (2 * kSigma * kSigma);
-    belief[goal] = kNever;  // it would have been told
-    const double top = *std::max_element(belief.begin(), belief.end());
-    double below = 0, above = 0;
-    for (int place = 0; place < frames_; ++place) {
-      belief[place] = std::max(belief[place] - top, kNever);
-      (place < goal ? below : above) += std::exp(belief[place]);
-    }
-    return turn(below > above ? kNext : kPrevious, seen.allowed()[agent]);
-  }
-
- private:
-  const Traversal& reference_;
-  int frames_;
-  std::vector<std::vector<double>> beliefs_;
 };
 
 /// Figures of `tasks` evaluation tasks.

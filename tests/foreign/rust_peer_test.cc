@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Learners over two DDS stacks of other makes than ours, Cyclone DDS in C and RustDDS, at one env_service: one at a
-// time, each in its turn, and every episode recorded once.
+// A learner over a DDS stack of another make, RustDDS, at an env_service of ours, also beside our policy_service: one
+// at a time, each in its turn, and every episode recorded once.
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <regex>
 
@@ -30,67 +31,47 @@ std::string intrusion(const std::string& log) {
   return "";
 }
 
-class Stacks : public VendorTest {
- protected:
-  std::unique_ptr<Service> in_c(const Arguments& more = {}) {
-    return start({FOREIGN_LEARNER, "--max-steps", "96", "--tasks", "100", "--evaluate", "summer"}, "c", more);
-  }
-  std::unique_ptr<Service> in_rust(const std::string& id, const Arguments& more = {}) {
-    return start({FOREIGN_RUST, "--id", id, "--record", run_.folder() / (id + ".csv")}, id, more);
-  }
-  /// The env_service's next process has a clock that was set back by an hour: is it heard?
-  void expect_successor_is_heard(const Service& learner, Service& env) {
-    Node node({run_.middleware(), "env_service", "successor", "default"});
-    node.create_reader<msg::TraversalInfo>();
-    node.create_reader_at<msg::TaskSettings>("env-summer");
-    msg::TraversalInfo info;
-    const auto spin = [&] { node.wait(Clock::now() + milliseconds(20)); };
-    ASSERT_TRUE(eventually(
-        spin, [&] { return node.take(info); }, kLongWait));
-    ASSERT_TRUE(env.says(": training", kLongWait)) << env.output() << learner.output();
-    env.end(SIGKILL, seconds(5));
-    info.header().incarnation() -= 3'600'000'000;  // microseconds
-    info.settings() = msg::SettingsId();
-    msg::TaskSettings again;
-    Clock::time_point next{};
-    const auto commanded = [&] {
-      if (Clock::now() >= next) {
-        ++info.header().message();
-        node.forward(info);
-        next = Clock::now() + milliseconds(500);
-      }
-      return node.take(again) && again.settings().version() > 1;
-    };
-    EXPECT_TRUE(eventually(spin, commanded, seconds(20))) << learner.output();
-  }
-
-  Trial run_{GetParam()};
-
- private:
-  std::unique_ptr<Service> start(const Arguments& command, const std::string& name, const Arguments& more) {
-    const Arguments domain = {"--domain", std::to_string(run_.domain())};
-    return std::make_unique<Service>(command + domain + more, run_.folder() / (name + ".log"));
-  }
-};
-using ForeignStacks = Stacks;
-CITYLEARN_EACH_VENDOR(ForeignStacks);
-
-class RustPeer : public Stacks {
+class RustPeer : public VendorTest {
  protected:
   void SetUp() override {
     if (!std::filesystem::exists(FOREIGN_RUST)) GTEST_SKIP() << "the test foreign_rust_build says why there is none";
   }
+  std::unique_ptr<Service> in_rust(const std::string& id, const Arguments& more = {}) {
+    const Arguments command = {FOREIGN_RUST, "--domain", std::to_string(run_.domain()), "--id", id, "--record"};
+    return std::make_unique<Service>(command + Arguments{run_.folder() / (id + ".csv")} + more,
+                                     run_.folder() / (id + ".log"));
+  }
+
+  Trial run_{GetParam()};
 };
 CITYLEARN_EACH_VENDOR(RustPeer);
 
-TEST_P(ForeignStacks, ARestartWithTheClockSetBackIsHeard) {
-  const auto env = run_.env("summer");
-  expect_successor_is_heard(*in_c({"--ticks", "10000000"}), *env);
-}
-
+/// The env_service's next process has a clock that was set back by an hour.
 TEST_P(RustPeer, ARestartWithTheClockSetBackIsHeard) {
   const auto env = run_.env("summer");
-  expect_successor_is_heard(*in_rust("rust", {"--steps", "10000000"}), *env);
+  const auto learner = in_rust("rust", {"--steps", "10000000"});
+  Node node({run_.middleware(), "env_service", "successor", "default"});
+  node.create_reader<msg::TraversalInfo>();
+  node.create_reader_at<msg::TaskSettings>("env-summer");
+  msg::TraversalInfo info;
+  const auto spin = [&] { node.wait(Clock::now() + milliseconds(20)); };
+  ASSERT_TRUE(eventually(
+      spin, [&] { return node.take(info); }, kLongWait));
+  ASSERT_TRUE(env->says(": training", kLongWait)) << env->output() << learner->output();
+  env->end(SIGKILL, seconds(5));
+  info.header().incarnation() -= 3'600'000'000;  // microseconds
+  info.settings() = msg::SettingsId();
+  msg::TaskSettings again;
+  Clock::time_point next{};
+  const auto commanded = [&] {
+    if (Clock::now() >= next) {
+      ++info.header().message();
+      node.forward(info);
+      next = Clock::now() + milliseconds(500);
+    }
+    return node.take(again) && again.settings().version() > 1;
+  };
+  EXPECT_TRUE(eventually(spin, commanded, seconds(20))) << learner->output();
 }
 
 TEST_P(RustPeer, LearnsAndRecordsEveryEpisode) {
@@ -105,10 +86,11 @@ TEST_P(RustPeer, LearnsAndRecordsEveryEpisode) {
   EXPECT_TRUE(contains(env->output(), "all acknowledged")) << env->output();
 }
 
-TEST_P(RustPeer, TwoAtOnceTakeTurns) {
+TEST_P(RustPeer, TwoAndOursAtOnceTakeTurns) {
   const auto env = run_.env("summer");
-  const auto c = in_c({"--ticks", "500"}), one = in_rust("one-1"), two = in_rust("two.2");
-  for (Service* learner : {c.get(), one.get(), two.get()})
+  const auto ours = run_.policy({"--mode", "evaluate", "--agent", "blind", "--evaluate", "summer", "--tasks", "100"}),
+             one = in_rust("one-1"), two = in_rust("two.2");
+  for (Service* learner : {ours.get(), one.get(), two.get()})
     ASSERT_EQ(learner->wait(kLongWait), 0) << learner->output() << env->output();
   ASSERT_EQ(env->end(SIGTERM, seconds(5)), 0);
   const std::string log = env->output();
@@ -134,18 +116,19 @@ TEST_P(RustPeer, TwoRecordEveryEpisodeOnce) {
       << env->output();
 }
 
-TEST_P(RustPeer, TheOneThatSleptWaitsForTheOther) {
+TEST_P(RustPeer, OursThatSleptWaitsForTheOther) {
   const auto env = run_.env("summer");
-  const auto c = in_c({"--ticks", "20000"});
-  ASSERT_TRUE(env->says("of 'foreign': training", kLongWait)) << env->output() << c->output();
-  c->send(SIGSTOP);
+  const auto ours = run_.train(10'000'000, "ours", {"--checkpoint-every", "1000000"});
+  ASSERT_TRUE(env->says("of 'policy': training", kLongWait)) << env->output() << ours->output();
+  ours->send(SIGSTOP);
   const auto rust = in_rust("rust");
-  ASSERT_TRUE(env->says("policy_service 'rust' takes over from 'foreign', which was last heard", kLongWait))
+  ASSERT_TRUE(env->says("policy_service 'rust' takes over from 'policy', which was last heard", kLongWait))
       << env->output();
-  c->send(SIGCONT);
+  ours->send(SIGCONT);
   ASSERT_EQ(rust->wait(kLongWait), 0) << rust->output() << env->output();
-  ASSERT_EQ(c->wait(kLongWait), 0) << c->output() << env->output();
-  EXPECT_TRUE(contains(c->output(), "was taken over by another policy_service")) << c->output();
+  EXPECT_TRUE(poll_until([&] { return occurrences(env->output(), "of 'policy': training") == 2; }, kLongWait))
+      << ours->output() << env->output();
+  EXPECT_EQ(ours->end(SIGTERM, seconds(5)), 130) << ours->output();
   EXPECT_EQ(intrusion(env->output()), "") << env->output();
 }
 
