@@ -129,6 +129,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
       info_(server_.info()),
       outbox_(options.recorders),
       linger_(options.linger) {
+  environment_.allow_evaluation_agents(options.evaluation_agents);
   if (options.live)
     live_ = std::make_unique<LiveSteps>(
         environment_, std::make_unique<Robot>(options.live->robot, node_.options().id, node_.options().middleware,
