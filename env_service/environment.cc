@@ -7,7 +7,7 @@
 
 #include "core/task/goal_chain.h"
 #include "core/task/path.h"
-#include "core/wire/transfer.h"
+#include "core/wire/observation_size.h"
 
 namespace citylearn {
 

@@ -12,9 +12,6 @@
 
 namespace citylearn {
 
-/// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
-inline constexpr std::size_t kMaxWholeBytes = 60'000;
-
 /// Returns how many frames one Traversal object has (idl/object.idl); the last one may have fewer.
 std::uint32_t frames_per_object(std::uint32_t dimension);
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "core/task/live.h"
-#include "core/wire/transfer.h"
+#include "core/wire/observation_size.h"
 
 namespace citylearn {
 namespace {
