@@ -25,7 +25,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
+constexpr std::uint64_t kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr char kNotInCharge[] = "an action of a service that is not in charge";
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
@@ -69,6 +69,7 @@ class EnvService {
   void finish_step();
   void record_episodes();
   void send_episodes();
+  Clock::time_point episodes_due() const;
   void do_due_work();
   Clock::time_point next_due() const;
   void report();
@@ -103,6 +104,7 @@ class EnvService {
 
   EpisodeOutbox outbox_;
   std::string outbox_problem_;  // as reported
+  Clock::time_point last_episodes_;
   const std::chrono::duration<double> linger_;
 
   Clock::time_point now_;
@@ -129,6 +131,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
       info_(server_.info()),
       outbox_(options.recorders),
       linger_(options.linger) {
+  environment_.allow_evaluation_agents(options.evaluation_agents);
   if (options.live)
     live_ = std::make_unique<LiveSteps>(
         environment_, std::make_unique<Robot>(options.live->robot, node_.options().id, node_.options().middleware,
@@ -352,9 +355,12 @@ void EnvService::record_episodes() {
   report();
 }
 
-/// Sends new episodes, and again those that a recorder lacks.
+/// Sends new episodes, and again those that a recorder lacks. During a task several go out at once, because one that
+/// comes alone wakes each of its readers.
 void EnvService::send_episodes() {
-  for (int count = 0; count < kEpisodesAtOnce;) {
+  if (now_ < episodes_due() && outbox_.last() - outbox_.sent() < kEpisodesAtOnce) return;
+  last_episodes_ = now_;
+  for (std::uint64_t count = 0; count < kEpisodesAtOnce;) {
     const auto sending = outbox_.next(now_);
     if (!sending) return;
     outbox_.fill(sending->number, episode_);
@@ -391,8 +397,12 @@ void EnvService::do_due_work() {
   if (now_ >= next_report_) report();
 }
 
+Clock::time_point EnvService::episodes_due() const {
+  return std::max(outbox_.due(), running() ? last_episodes_ + kCommitGather : Clock::time_point());
+}
+
 Clock::time_point EnvService::next_due() const {
-  Clock::time_point due = std::min({next_report_, observation_sender_.due(), outbox_.due()});
+  Clock::time_point due = std::min({next_report_, observation_sender_.due(), episodes_due()});
   if (running() && !policy_silent_) due = std::min(due, acting_.gone_at());
   if (!running() || policy_silent_) due = std::min(due, next_info_);
   return live_ ? std::min(due, live_->due()) : due;

@@ -25,6 +25,7 @@ struct LiveOptions {
 struct EnvServiceOptions {
   NodeOptions node;                      ///< an empty id becomes "env-" + name of the traversal
   int agents = 16;                       ///< M, 1..msg::MAX_AGENTS
+  int evaluation_agents = 1;             ///< at most, in an evaluation of as many tasks; never fewer than M
   Imperfections imperfections;           ///< of the agents' world; imperfect() makes a traversal that fits
   std::vector<std::string> recorders;    ///< ids of recorders for which episodes are kept even before they are heard
   double linger = kLinger.count();       ///< seconds to wait at the end for acknowledgements of live recorders

@@ -7,6 +7,7 @@
 
 #include "core/task/goal_chain.h"
 #include "core/task/path.h"
+#include "core/wire/observation_size.h"
 
 namespace citylearn {
 
@@ -27,6 +28,8 @@ Environment::Environment(const Traversal& traversal, int agents, const Imperfect
       traversal_hash_(traversal.hash()),
       imperfections_(imperfections),
       goals_(goals),
+      announced_agents_(agents),
+      evaluation_agents_(agents),
       streets_(traversal.states()) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
@@ -36,6 +39,15 @@ Environment::Environment(const Traversal& traversal, int agents, const Imperfect
 std::span<const float> Environment::feature(int frame) const {
   const auto dimension = static_cast<std::size_t>(traversal_.dimension);
   return std::span(traversal_.features).subspan(static_cast<std::size_t>(frame) * dimension, dimension);
+}
+
+/// Returns as many agents as the evaluation has tasks, within what is allowed and what fits one datagram.
+int Environment::agents_under(const msg::TaskSettings& settings) const {
+  if (settings.task_mode() != msg::EVALUATE) return announced_agents_;
+  std::size_t most = std::min<std::size_t>(settings.tasks(), static_cast<std::size_t>(evaluation_agents_));
+  if (!settings.by_reference() && traversal_.dimension > 0)
+    most = std::min(most, kMaxWholeBytes / sizeof(float) / static_cast<std::size_t>(traversal_.dimension));
+  return std::max(announced_agents_, static_cast<int>(most));
 }
 
 void Environment::reset(const msg::TaskSettings& settings) {
@@ -56,8 +68,9 @@ void Environment::reset(const msg::TaskSettings& settings) {
     if (settings.first_task() > kMaxCount - settings.tasks())
       throw Error("the last task would be over " + std::to_string(kMaxCount), "TaskSettings.first_task");
   }
-  if (!settings.by_reference() && agents_.size() * static_cast<std::size_t>(traversal_.dimension) > msg::MAX_FEATURES)
-    throw Error("the features of " + std::to_string(agents()) + " agents x " + std::to_string(traversal_.dimension) +
+  const int count = agents_under(settings);
+  if (!settings.by_reference() && std::int64_t{count} * traversal_.dimension > std::int64_t{msg::MAX_FEATURES})
+    throw Error("the features of " + std::to_string(count) + " agents x " + std::to_string(traversal_.dimension) +
                     " do not fit one observation (at most " + std::to_string(msg::MAX_FEATURES) + ")",
                 "TaskSettings.by_reference", "ask for observations by reference, or host fewer agents");
   if (streets_ && (settings.frames() != static_cast<std::uint32_t>(traversal_.frames) || settings.shuffle()))
@@ -81,6 +94,7 @@ void Environment::reset(const msg::TaskSettings& settings) {
   fields_.emplace(*map_, settings.goal_radius());
   step_ = 0;
   finished_.clear();
+  agents_.resize(static_cast<std::size_t>(count));
   finished_.reserve(agents_.size());
   const int frames = static_cast<int>(settings.frames());
   for (int index = 0; index < agents(); ++index) {

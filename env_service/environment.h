@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -49,6 +50,9 @@ class Environment {
   /// or agents x D do not fit one observation that is not by_reference.
   void reset(const msg::TaskSettings& settings);
 
+  /// Lets evaluations have up to `most` agents where they have so many tasks, and never fewer than M.
+  void allow_evaluation_agents(int most) { evaluation_agents_ = std::max(announced_agents_, most); }
+
   /// Returns the features of a frame: D.
   std::span<const float> feature(int frame) const;
 
@@ -82,12 +86,13 @@ class Environment {
   const std::vector<Episode>& finished() const { return finished_; }
   /// Returns whether every task of mode EVALUATE has been done.
   bool done() const;
-  std::uint64_t ticks() const { return step_; }  ///< steps under the present settings
-  int agents() const { return static_cast<int>(agents_.size()); }
+  std::uint64_t ticks() const { return step_; }                    ///< steps under the present settings
+  int agents() const { return static_cast<int>(agents_.size()); }  ///< under the present settings; at first M
   const Traversal& traversal() const { return traversal_; }
   std::uint64_t traversal_hash() const { return traversal_hash_; }
 
  private:
+  int agents_under(const msg::TaskSettings& settings) const;
   void begin_episode(AgentState& agent);
   void begin_task(AgentState& agent, int task);
   int state_to_begin(AgentState& agent);
@@ -105,6 +110,8 @@ class Environment {
   const std::uint64_t traversal_hash_;
   const Imperfections imperfections_;
   const int goals_;
+  const int announced_agents_;
+  int evaluation_agents_;                          // at most
   const std::shared_ptr<const StateMap> streets_;  // null: a line, whose length the settings say
   std::shared_ptr<const StateMap> map_;            // of the settings in force
   std::optional<DistanceFields> fields_;           // likewise

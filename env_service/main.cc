@@ -38,6 +38,11 @@ void add_options(CLI::App& app, CommandLine& line) {
   line.agents = app.add_option("--agents", line.service.agents, "Number of agents on the traversal")
                     ->capture_default_str()
                     ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)));
+  app.add_option("--evaluation-agents", line.service.evaluation_agents,
+                 "Agents of an evaluation at most: one a task, and never fewer than --agents. More than --agents are "
+                 "for this project's policy_service alone")
+      ->capture_default_str()
+      ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)));
   app.add_option("--recorders", line.service.recorders,
                  "Ids of services that record episodes, A,B,...: their episodes are kept from the start, not only "
                  "once they are heard of")
@@ -87,6 +92,7 @@ void make_live(Traversal& taught, CommandLine& line) {
     throw Error("a robot is sent by the topic of --goal", taught.goal >= 0 ? "--goal-place" : "--goals",
                 "leave it out");
   if (line.agents->empty()) line.service.agents = 1;
+  line.service.evaluation_agents = 1;
   taught.name = taught.condition = line.robot_traversal;
   const auto images = std::make_shared<LiveImages>(taught.images, taught.name, microseconds_since_epoch());
   taught.images = images;

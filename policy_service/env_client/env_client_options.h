@@ -8,9 +8,6 @@
 
 namespace citylearn {
 
-/// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
-inline constexpr std::size_t kMaxWholeBytes = 60'000;
-
 /// The ways in which env_services send what their agents see. Policies receive the same numbers either way.
 enum class Observing {
   kAsFits,       ///< by reference where an encoder_service made the features, so that observations need not pass by

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "core/task/live.h"
+#include "core/wire/observation_size.h"
 
 namespace citylearn {
 namespace {
@@ -17,7 +18,9 @@ std::string validation_error(const EnvHandle& env, const msg::Observation& obser
       return frame < settings.first_frame() || frame - settings.first_frame() >= settings.frames();
     });
   };
-  if (observation.goal().size() != env.info.agents()) return "of another number of agents";
+  const bool may_have_more = settings.task_mode() == msg::EVALUATE;  // env_service --evaluation-agents
+  if (may_have_more ? observation.goal().size() < env.info.agents() : observation.goal().size() != env.info.agents())
+    return "of another number of agents";
   if (!observation.by_reference() && observation.feature_dimension() != env.info.feature_dimension())
     return "of another number of features";
   if (off_route(observation.position())) return "with a position beside the route";

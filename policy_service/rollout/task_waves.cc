@@ -8,7 +8,8 @@ namespace citylearn {
 void TaskWaves::next(const std::map<std::uint32_t, SeenFeatures>& seen) {
   for (const auto& [task, features] : seen) known_.add(features);
   wave_.first += wave_.count;
-  wave_.count = std::min(wave_.first, tasks_ - wave_.first);
+  const std::uint32_t left = tasks_ - wave_.first;
+  wave_.count = seen.empty() ? left : std::min(wave_.first, left);
 }
 
 }  // namespace citylearn

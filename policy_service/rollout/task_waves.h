@@ -15,7 +15,8 @@ struct TaskRange {
 
 /// The tasks of an evaluation on one traversal in waves: task 0, task 1, then 2 .. 3, 4 .. 7 and so on. A wave's tasks
 /// know what was seen of the traversal in earlier waves. So the condition is known soon, and yet a task's result does
-/// not depend on which env_service performs it, nor on the order within the wave.
+/// not depend on which env_service performs it, nor on the order within the wave. A policy that learns nothing from
+/// what was seen performs all tasks but the first in one wave.
 class TaskWaves {
  public:
   explicit TaskWaves(std::uint32_t tasks) : tasks_(tasks), wave_{0, tasks > 0 ? 1u : 0u} {}

@@ -21,7 +21,7 @@ Evaluation::Evaluation(EnvClient& client, msg::TaskSettings settings, MakePolicy
 void Evaluation::add(EnvHandle& env) {
   remove(env);
   if (!traversals_.contains(env.traversal())) return;
-  parts_[&env] = Part{env.traversal(), make_policy_(env), {}, {}};
+  parts_[&env] = Part{env.traversal(), make_policy_(env), {}, env.info.agents(), {}};
   hand_out(env.traversal());
 }
 
@@ -44,7 +44,7 @@ void Evaluation::hand_out(const std::string& name) {
   bool busy = false;
   for (auto& [env, part] : parts_) {
     if (part.traversal != name) continue;
-    agents += env->info.agents();
+    agents += part.agents;
     if (part.range.count > 0)
       busy = true;
     else
@@ -61,7 +61,7 @@ void Evaluation::hand_out(const std::string& name) {
   // In proportion to agents, but of a large wave a part at a time, so that those that are faster or come later help.
   for (auto& [env, part] : idle) {
     if (traversal.waiting.empty()) return;
-    const std::uint64_t own = env->info.agents();
+    const std::uint64_t own = part->agents;
     give(*env, *part, traversal, std::min(own * kTasksOfAgent, (tasks * own + agents - 1) / agents));
   }
 }
@@ -97,7 +97,9 @@ std::map<std::string, int> Evaluation::open() const {
 }
 
 bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-  parts_.at(&env).policy->act(observation, choice);
+  Part& part = parts_.at(&env);
+  part.policy->act(observation, choice);
+  part.agents = std::max<std::uint64_t>(part.agents, choice.size());
   steps_ += choice.size();
   return true;
 }

@@ -63,7 +63,8 @@ class Evaluation {
   struct Part {
     std::string traversal;
     std::unique_ptr<Policy> policy;
-    TaskRange range;  // that it performs now; empty: none
+    TaskRange range;       // that it performs now; empty: none
+    std::uint64_t agents;  // that it was seen to have, as evaluations may have more than it announces
     Episodes episodes;
   };
   struct Traversal {

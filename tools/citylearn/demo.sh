@@ -429,19 +429,13 @@ demo() {
   repeatable "${asked[@]}" >"$output/demo.words"
   for note in "${notes[@]}"; do say "$NAME: $note"; done
   while IFS= read -r traversal; do
-    local align=() hosted=$agents
+    local align=() tested=256   # agents in evaluations, whose figures are the same for any number of them
     [ -n "${called[$traversal]:-}" ] || look_at "$traversal" || exit 1
     [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route" "${aligning[@]}")
-    # What is evaluated is the same for any number of agents, and with more of them a step costs less on the wire.
-    if [[ ,$train, != *",$traversal,"* ]]; then
-      hosted=256
-      # So many would take much memory on a very long route, and their features might not fit one message.
-      if [ "$count" -gt 100000 ] || [[ " ${pass[*]} " == *' --observations'[\ =]'whole '* ]]; then hosted=32; fi
-      hosted=$((agents < hosted ? hosted : agents))
-    fi
+    [ "$count" -le 100000 ] || tested=32   # more take much memory on a very long route
     start "env-$traversal" \
-      "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" "${world[@]}" --agents "$hosted" \
-      "${recorders[@]}"
+      "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" "${world[@]}" --agents "$agents" \
+      --evaluation-agents "$tested" "${recorders[@]}"
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
   # Checkpoints carry how the data were found and encoded.
   [ "$aligned" = no ] || aligning=(--align-to "$route" "${aligning[@]}")

@@ -219,6 +219,12 @@ TEST(Evaluation, IsTheSameByAnyEnvServices) {
     ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
     EXPECT_EQ(tasks("alone")["alone"], 2 * kTasks);
   }
+  {
+    const auto one = run.env("winter", {"--id", "many", "--agents", "3", "--evaluation-agents", "200"});
+    const auto policy = evaluate("many");
+    ASSERT_EQ(policy->wait(kLongWait), 0) << policy->output();
+    EXPECT_EQ(scores("many"), scores("alone"));
+  }
   std::vector<std::unique_ptr<Service>> four;
   for (const std::string id : {"a", "b", "c", "d"}) {
     four.push_back(run.env("winter", {"--id", id}));

@@ -69,8 +69,8 @@ inline std::map<int, Environment::Episode> evaluate(Environment& environment, co
                                                     Walker& walker) {
   std::map<int, Environment::Episode> episodes;
   msg::Observation seen;
-  std::vector<std::uint8_t> choice(environment.agents());
   environment.reset(settings);
+  std::vector<std::uint8_t> choice(environment.agents());
   while (!environment.done()) {
     environment.observe(seen);
     for (std::size_t agent = 0; agent < choice.size(); ++agent)

@@ -19,6 +19,7 @@ TEST(EnvironmentEvaluate, SameTasksWhoeverActsAndHoweverManyAgents) {
   BlindSweep blind(128);
   ShortestPath shortest;
   Environment one(traversal, 1), many(traversal, 16), more(traversal, 100);
+  many.allow_evaluation_agents(30);
   const auto alone = evaluate(one, with, blind), together = evaluate(many, with, blind);
   const auto spare = evaluate(more, with, blind), quick = evaluate(many, with, shortest);
   ASSERT_EQ(alone.size(), 53u);
@@ -33,6 +34,28 @@ TEST(EnvironmentEvaluate, SameTasksWhoeverActsAndHoweverManyAgents) {
     EXPECT_EQ(quick.at(task).steps, episode.shortest);
     EXPECT_EQ(quick.at(task).reward, 1.0f);
   }
+}
+
+TEST(EnvironmentEvaluate, HasAnAgentForEachTaskWhereItMay) {
+  Traversal wide = small_traversal(64);
+  wide.dimension = 300;  // 60,000 bytes are the features of 50 agents
+  wide.features.resize(64 * 300);
+  Environment environment(wide, 4);
+  environment.allow_evaluation_agents(100);
+  const auto agents = [&](msg::Mode mode, std::uint32_t tasks, bool by_reference = true) {
+    msg::TaskSettings with = settings(mode, 64, 64);
+    with.tasks() = tasks;
+    with.by_reference() = by_reference;
+    environment.reset(with);
+    msg::Observation seen;
+    environment.observe(seen);
+    return seen.goal().size();
+  };
+  EXPECT_EQ(agents(msg::EVALUATE, 500), 100u);
+  EXPECT_EQ(agents(msg::EVALUATE, 500, false), 50u);
+  EXPECT_EQ(agents(msg::EVALUATE, 60), 60u);
+  EXPECT_EQ(agents(msg::EVALUATE, 1), 4u);
+  EXPECT_EQ(agents(msg::TRAIN, 0), 4u);
 }
 
 TEST(EnvironmentEvaluate, DoesTheTasksOfARange) {

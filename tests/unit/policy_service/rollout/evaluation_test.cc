@@ -35,6 +35,15 @@ TEST(TaskWaves, HaveEachTaskOnceAndDouble) {
   EXPECT_TRUE(TaskWaves(0).done());
 }
 
+TEST(TaskWaves, AreTwoOfAPolicyThatLearnsNothingFromWhatItSees) {
+  TaskWaves waves(100);
+  waves.next({});
+  EXPECT_EQ(waves.wave().first, 1u);
+  EXPECT_EQ(waves.wave().count, 99u);
+  waves.next({});
+  EXPECT_TRUE(waves.done());
+}
+
 TEST(EvaluatedTasks, KeepEachTaskInItsColumn) {
   EvaluatedTasks tasks;
   tasks.begin(40, {});
