@@ -68,8 +68,16 @@ Eigenpairs largest_eigenpairs(const MatrixXf& matrix, Index count) {
                                                           : all_eigenpairs(matrix, count);
 }
 
-void add_to(VectorXd& sum, const MatrixXf& descriptors) {
+void add_to(VectorXd& sum, const Eigen::Ref<const MatrixXf>& descriptors) {
   for (const auto column : descriptors.colwise()) sum += column.cast<double>();
+}
+
+/// Divides columns by their length, except those of zeros.
+void normalise_columns(Eigen::Ref<MatrixXf> features) {
+  for (auto column : features.colwise()) {
+    const float length = column.stableNorm();
+    if (length > 0) column /= length;
+  }
 }
 
 VectorXf mean_of(const MatrixXf& descriptors) {
@@ -179,37 +187,40 @@ MatrixXf Reduction::apply(Index frames, const ReadBlock& read) const {
     read(0, features);
     return features;
   }
-  MatrixXf block;
+  // Without PCA descriptors become features where they lie.
+  MatrixXf descriptors;
   const auto for_each_block = [&](const auto& use) {
     for (Index first = 0; first < frames; first += kMaxSample) {
-      block.resize(input_dimension(), std::min<Index>(kMaxSample, frames - first));
+      const Index count = std::min<Index>(kMaxSample, frames - first);
+      if (options_.dimension > 0) descriptors.resize(input_dimension(), count);
+      auto block = options_.dimension > 0 ? descriptors.leftCols(count) : features.middleCols(first, count);
       read(first, block);
-      use(first);
+      use(first, block);
     }
   };
   VectorXf mean = mean_;
   if (options_.centring == Centring::kOwn && frames > 0) {
     VectorXd sum = VectorXd::Zero(mean_.size());
-    for_each_block([&](Index) { add_to(sum, block); });
+    for_each_block([&](Index, const auto& block) { add_to(sum, block); });
     mean = (sum / static_cast<double>(frames)).cast<float>();
   }
   RunningMean running(mean_);
-  for_each_block([&](Index first) {
+  for_each_block([&](Index first, auto& block) {
     if (options_.centring == Centring::kRunning)
       for (auto column : block.colwise()) column = running.centre(column);
     else
       block.colwise() -= mean;
-    features.middleCols(first, block.cols()) = project(block);
+    if (options_.dimension > 0)
+      features.middleCols(first, block.cols()) = project(block);
+    else
+      normalise_columns(block);
   });
   return features;
 }
 
 MatrixXf Reduction::project(const Eigen::Ref<const MatrixXf>& centred) const {
   MatrixXf features = options_.dimension > 0 ? (projection_ * centred).eval() : MatrixXf(centred);
-  for (auto column : features.colwise()) {
-    const float length = column.stableNorm();
-    if (length > 0) column /= length;
-  }
+  normalise_columns(features);
   return features;
 }
 

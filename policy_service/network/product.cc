@@ -129,7 +129,8 @@ void products::prepare_thread() {
 }
 
 void products::round_to_bfloat16(const Factor& from, std::vector<std::uint16_t>& to) {
-  to.resize(static_cast<std::size_t>(from.rows * from.cols));
+  // It never shrinks: what grows anew is filled with zeros first.
+  to.resize(std::max(to.size(), static_cast<std::size_t>(from.rows * from.cols)));
   for (std::ptrdiff_t col = 0; col < from.cols; ++col) {
     const float* in = from.data + col * from.stride;
     std::uint16_t* out = to.data() + col * from.rows;
