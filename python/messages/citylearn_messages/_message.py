@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """CDR of messages. The wheel cyclonedds would take each number of a sequence by itself; here a sequence is an array.array,
-which NumPy takes as it is (numpy.asarray). Mostly the texts and sequences of a message are as long as those of the last
-one of its kind: then one struct reads or writes all of it. A learner spends most of its time here."""
+which NumPy takes as it is (numpy.asarray). Mostly the texts and sequences of a message are as long as those of an
+earlier one of its kind: then one struct reads or writes all of it. A learner spends most of its time here."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ CODES = {bool: "?", types.uint8: "B", types.int32: "i", types.uint32: "I", types
 ORDERS = "><"  # by the second byte of the encapsulation
 HEAD = 4  # bytes of the encapsulation: alignment counts from behind them
 READ_LENGTH = [struct.Struct(order + "I").unpack_from for order in ORDERS]
+MAX_STRUCTS = 256
 FAULTS = ValueError, TypeError, AttributeError, OverflowError, struct.error
 
 
@@ -63,8 +64,9 @@ class Codec:
         self.count = len(self.fixed)
         self.make = self.function("v", self.add(kind, "m", ""))
         self.values = self.function("m", f"(0, 1, {', '.join(field.values for field in self.fields)})")
-        self.fixed_of = itemgetter(*self.fixed)  # a struct fits where these are as they were: order, lengths, ends of texts
-        self.fit(1, lambda field, _: not field.code)
+        self.fixed_of = itemgetter(*self.fixed)  # a struct fits where these are alike: order, lengths, ends of texts
+        self.structs = {}  # by these
+        self.last = self.fit(1, lambda field, _: not field.code)  # read with
 
     def function(self, argument, expression):
         return eval(f"lambda {argument}: {expression}", self.names)  # pylint: disable=eval-used
@@ -121,8 +123,10 @@ class Codec:
                     raise ValueError("is cut off")
             except FAULTS as error:
                 raise ValueError(f"{field.where}: {error}") from None
-        self.fitted = tuple(fixed), struct.Struct(pattern)
-        return self.fitted[1]
+        if len(self.structs) == MAX_STRUCTS:
+            self.structs = {}
+        made = self.structs[tuple(fixed)] = struct.Struct(pattern)
+        return made
 
     def read(self, data):
         """Returns the message of these bytes. Raises ValueError that names the field."""
@@ -137,9 +141,15 @@ class Codec:
                 raise ValueError(f"has {length} entries, may have {field.bound}")
             return length
 
-        fixed, fitted = self.fitted
-        if len(data) < fitted.size or self.fixed_of(values := fitted.unpack_from(data)) != fixed:
-            values = self.fit(data[1], length_of, len(data)).unpack_from(data)
+        last = self.last  # its lengths are right up to the first one that differs, and all of them if no other does
+        values = last.unpack_from(data.ljust(last.size, b"\0"))
+        fixed = self.fixed_of(values)
+        fitting = self.structs.get(fixed)
+        if fitting is not last or len(data) < last.size:
+            if not fitting or len(data) < fitting.size or self.fixed_of(values := fitting.unpack_from(data)) != fixed:
+                fitting = self.fit(data[1], length_of, len(data))
+                values = fitting.unpack_from(data)
+        self.last = fitting
         try:
             message = self.make(values)
         except ValueError as error:
@@ -155,10 +165,8 @@ class Codec:
         """Returns the bytes of a message. Raises ValueError that names the field."""
         try:
             values = self.values(message)
-            fixed, fitted = self.fitted
-            if self.fixed_of(values) != fixed:
-                fitted = self.fit(1, lambda field, _: values[field.at])
-            return fitted.pack(*values)
+            fitting = self.structs.get(self.fixed_of(values)) or self.fit(1, lambda field, _: values[field.at])
+            return fitting.pack(*values)
         except FAULTS as error:
             for field in self.fields:
                 try:
