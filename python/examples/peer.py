@@ -14,7 +14,7 @@ options = parser.parse_args()
 
 def choose(seen):
     """Returns an action for each agent: 0 stays, 1 goes on, 2 goes back."""
-    return [(goal > place) + 2 * (goal < place) for place, goal in zip(seen.position, seen.goal)]
+    return [1 if goal > place else 2 if goal < place else 0 for place, goal in zip(seen.position, seen.goal)]
 
 
 with Peer("python", session=options.session, domain=options.domain) as peer:
@@ -42,13 +42,13 @@ with Peer("python", session=options.session, domain=options.domain) as peer:
             acknowledged = now
         peer.wait(0.05)
         for seen in observations():
-            if seen.settings == settings and seen.step == step:
-                heard, begun, step = now, begun if step else now, step + 1
-                ended = all(flags & FLAG_IDLE for flags in seen.flags)
-                answer = {"environment": env, "environment_incarnation": incarnation, "settings": settings, "step": seen.step,
-                          "choice": choose(seen)}
-            if seen.settings == settings and seen.step == step - 1:  # it may come again: then the answer was lost
+            if seen.settings == settings and seen.step in (step, step - 1):  # one may come again: then the answer was lost
+                if seen.step == step:
+                    heard, begun, step = now, begun if step else now, step + 1
+                    answer = {"environment": env, "environment_incarnation": incarnation, "settings": settings, "step": seen.step,
+                              "choice": choose(seen)}
                 act.write(**answer)
+                ended = all(flags & FLAG_IDLE for flags in seen.flags)
         for one in episodes():
             if one.header.sender == env and one.log.number == max(recorded + 1, one.log.first):
                 recorded = one.log.number

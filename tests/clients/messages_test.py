@@ -48,6 +48,15 @@ class Bytes(unittest.TestCase):
                 names.add(kind.__name__)
         self.assertEqual(len(names), 18)
 
+    def test_lengths_differ_from_message_to_message(self):
+        for count, environment in (0, "a"), (256, "a"), (3, "bcd"), (3, "bcde"), (0, "a"):
+            data = Action(choice=[2] * count, environment=environment, step=count).serialize()
+            self.assertEqual(Action.__idl__.serialize(Action.__idl__.deserialize(data)), data, "the wheel's own CDR")
+            read = Action.deserialize(data)
+            self.assertEqual((read.choice.tolist(), read.environment, read.step), ([2] * count, environment, count))
+        with self.assertRaisesRegex(ValueError, "Action.environment: is not a text of CDR"):  # as long, but without its end
+            Action.deserialize(data.replace(b"a\0", b"aa"))
+
     def test_the_other_order_of_bytes(self):
         data = bytes.fromhex("00000000 0000000f 00000002 61000000 00000002 6200000000000000 0000000000000001 0000000000000002")
         self.assertEqual(Header.deserialize(data), Header(session="a", sender="b", incarnation=1, message=2))
@@ -97,6 +106,12 @@ class Learner(unittest.TestCase):
                 self.wait_for(peer, take, lambda _: said.output)
             write(service="after")
             self.wait_for(peer, take, lambda seen: "after" in seen)
+            write(service="not taken")
+            begin = time.monotonic()
+            for _ in range(2):
+                peer.wait(60)
+            self.assertLess(time.monotonic(), begin + 50)
+            self.assertIn("not taken", [one.service for one in take()])
         self.assertRegex(said.output[0], "drops a message: ServiceStatus.service: .* byte 0xff")
 
     def wait_for(self, peer, take, condition):

@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 
+from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.core import DDSException, ReadCondition, SampleState, ViewState, InstanceState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
@@ -18,14 +19,15 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from ._message import Message
 from ._types import *
 from ._types import TOPICS
 
 DEPTHS = {"state": 1, "command": 64, "durable": 256}  # of writers
 READER_DEPTH = 1024  # all writers of a topic share it
 MAX_TOPIC = 108
+LOOK_SECONDS = 1e-4
 ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+give_way = getattr(os, "sched_yield", lambda: time.sleep(0))
 
 
 def topic_name(message, session="", service=""):
@@ -50,13 +52,16 @@ class Writer:
     """Writes messages of one kind and numbers them."""
 
     def __init__(self, peer, message, writer):
-        self.kind, self._peer, self._writer, self._count = TOPICS[message][0], peer, writer, 0
+        self.kind, self._writer = TOPICS[message][0], writer
+        self._header = Header(session=peer.session, sender=peer.sender, incarnation=peer.incarnation)
 
     def write(self, **fields):
         """Writes a message with these fields. Raises ValueError that names a wrong one, TypeError an unknown one."""
-        self._count += 1
-        header = Header(session=self._peer.session, sender=self._peer.sender, incarnation=self._peer.incarnation, message=self._count)
-        self._writer.write(self.kind(header=header, **fields))
+        self._header.message += 1
+        data = self.kind(header=self._header, **fields).serialize()
+        result = ddspy_write(self._writer._ref, data + bytes(-len(data) % 4))
+        if result < 0:
+            raise DDSException(result, f"cannot write {self.kind.__name__}")
 
 
 class Peer:
@@ -80,7 +85,7 @@ class Peer:
         except DDSException as error:
             raise OSError(f"cannot join domain {domain} (0..230, one Peer a process) by {interface}, which must be an address of "
                           f"this host: {error.msg}") from None
-        self._waitset, self._writers = WaitSet(self.participant), []
+        self._waitset, self._writers, self._readers, self._look_first = WaitSet(self.participant), [], [], True
         self._status = [self.writer("ServiceStatus", to) for to in (sender, "")]
         self._status_fields = {"service": service, "host": socket.gethostname()[:64], "middleware": "cyclonedds",
                                "process": os.getpid()}
@@ -99,24 +104,48 @@ class Peer:
 
     def reader(self, message, service=""):
         """Returns a function that takes what has come on a topic: messages of this protocol and session. What cannot be decoded
-        is dropped and logged, with what came beside it: senders send that again."""
+        is dropped and logged."""
         reader = self._endpoint(DataReader, message, service, READER_DEPTH)
         self._waitset.attach(ReadCondition(reader, ANY))
 
+        kind, batches = TOPICS[message][0], []
+        self._readers.append((reader._ref, batches))
+
         def take():
-            try:
-                samples = reader.take(READER_DEPTH)
-            except ValueError as error:
-                logging.getLogger(__name__).warning("drops a message: %s", error)
-                samples = []
-            return [sample for sample in samples if isinstance(sample, Message) and sample.header.protocol == PROTOCOL and
-                    sample.header.session in (self.session, "")]
+            batches.append(ddspy_take(reader._ref, ANY, READER_DEPTH))
+            messages = []
+            while batches:
+                batch = batches.pop(0)
+                if isinstance(batch, int):
+                    raise DDSException(batch, f"cannot take from {message}")
+                for data, info in batch:
+                    try:
+                        one = info.valid_data and kind.deserialize(data)
+                    except ValueError as error:
+                        logging.getLogger(__name__).warning("drops a message: %s", error)
+                        continue
+                    if one and one.header.protocol == PROTOCOL and one.header.session in (self.session, ""):
+                        messages.append(one)
+            return messages
 
         return take
 
     def wait(self, seconds):
-        """Waits until a reader has something, so long at most."""
+        """Waits until a reader has something, so long at most. Like our services it looks for a while before it sleeps, if that
+        would have been enough the last time: waking up takes longer than an answer from the same machine."""
+        patience = time.monotonic() + min(seconds, LOOK_SECONDS)
+        while True:
+            for reader, batches in self._readers:
+                batch = ddspy_take(reader, ANY, READER_DEPTH)
+                if batch:
+                    batches.append(batch)
+                if batches:
+                    return
+            if not self._look_first or time.monotonic() > patience:
+                break
+            give_way()  # Cyclone DDS's thread may need this very processor
         self._waitset.wait(duration(seconds=seconds))
+        self._look_first = time.monotonic() < patience
 
     def _show_life(self):
         ended = False
