@@ -50,16 +50,17 @@ class Table {
       throw Error("numbers the columns", path_ + ":1", "remove this line, as features have no header");
     for (const std::size_t column : {std::size_t{0}, columns - 1}) {
       const bool usual = column == 0 && first[columns] > first[0];
-      bool index = frames > (usual ? 2 : 7), times = true;
+      bool index = frames > (usual ? 2 : 7), rises = frames > 7, times = true;
       for (const float* at = first + column + columns; at < first + frames * columns; at += columns) {
         const float before = *(at - columns), step = *at - before;
         index =
             index && std::abs(step) >= 1 && step == first[column + columns] - first[column] && *at == std::floor(*at);
+        rises = rises && step >= 1 && before == std::floor(before) && *at == std::floor(*at);
         times = times && step >= 0 && before >= 1e8F;
       }
-      if (fractions && (index || times))
-        throw Error("column " + std::to_string(column + 1) + " has " + (index ? "the numbers of lines" : "times") +
-                        ", not a feature",
+      if (fractions && (index || rises || times))
+        throw Error("column " + std::to_string(column + 1) + " has " +
+                        (index || !times ? "the numbers of lines" : "times") + ", not a feature",
                     path_, "remove it; of pandas: to_csv(index=False, header=False)");
     }
   }

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/poses.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <unordered_map>
 
 #include "core/util/error.h"
+#include "core/util/text.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/places.h"
 #include "env_service/files/text_table.h"
@@ -16,6 +19,19 @@ namespace citylearn {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+const std::vector<std::string> kHeights{"z", "height", "alt", "altitude", "ele", "elevation"},
+    kOthers{"", "frame", "file", "time", "lat", "lon", "x", "y", "metres"};
+
+/// Warns of columns of which nothing is taken.
+void tell_unused(const TextTable& table) {
+  std::vector<std::string> unused;
+  for (const std::string& name : table.names())
+    if (std::find(kHeights.begin(), kHeights.end(), name) == kHeights.end() &&
+        std::find(kOthers.begin(), kOthers.end(), name) == kOthers.end())
+      unused.push_back(name);
+  if (!unused.empty()) spdlog::warn("{}: columns that are not read: {}", table.path(), joined(unused, printable));
+}
 
 /// A frame's number in a column.
 int frame_number(const TextTable& table, int row, const std::string& column) {
@@ -62,6 +78,7 @@ std::vector<int> frames_of(const TextTable& table, const Traversal& traversal) {
 
 void read_poses(const std::string& path, Traversal& traversal) {
   const TextTable table(path, {});
+  tell_unused(table);
   const std::vector<int> frames = frames_of(table, traversal);
   const auto number = [&](int row, const std::string& name) {
     const std::string_view text = table.text(row, name);
@@ -82,11 +99,12 @@ void read_poses(const std::string& path, Traversal& traversal) {
     traversal.longitude = column("lon");
     traversal.positions = metres_along(traversal.latitude, traversal.longitude);
   }
-  if (table.has("z")) {
+  for (const std::string& name : kHeights) {
+    if (!table.has(name) || !traversal.height.empty()) continue;
     for (int row = 0; row < table.rows(); ++row)
-      if (const double z = number(row, "z"); !std::isnan(z) && !is_height(z))
-        table.fail(row, "not a height in metres", "leave z empty where it is unknown");
-    traversal.height = column("z");
+      if (const double z = number(row, name); !std::isnan(z) && !is_height(z))
+        table.fail(row, "not a height in metres", "leave " + name + " empty where it is unknown");
+    traversal.height = column(name);
     fill_heights(traversal.height);
   }
   const bool in_plane = table.has("x") || table.has("y");
@@ -106,6 +124,10 @@ void read_poses(const std::string& path, Traversal& traversal) {
   } else if (traversal.latitude.empty()) {
     throw Error("no column gives places", path, "its header needs lat,lon or x,y or metres");
   }
+  if (!table.has("frame") && !table.has("file") && table.rows() < traversal.frames)
+    throw Error("has " + std::to_string(table.rows()) + " rows, " + traversal.name + " has " +
+                    std::to_string(traversal.frames) + " frames",
+                table.path(), "write a row for each frame, or name frames in a column 'frame'");
 }
 
 std::vector<std::pair<int, int>> read_matches(const std::string& path, const std::string& a, const std::string& b) {

@@ -4,6 +4,7 @@
 #include <strings.h>
 
 #include <algorithm>
+#include <cctype>
 #include <filesystem>
 #include <map>
 
@@ -17,7 +18,8 @@ namespace fs = std::filesystem;
 
 bool digit(char c) { return c >= '0' && c <= '9'; }
 
-/// "img2" before "img10": runs of digits compare as numbers. Names of equal worth ("1", "01") compare as text.
+/// "img2" before "IMG10": runs of digits compare as numbers, letters without their case. Names of equal worth ("1",
+/// "01") compare as text.
 bool natural_less(const std::string& a, const std::string& b) {
   std::size_t i = 0, j = 0;
   while (i < a.size() && j < b.size()) {
@@ -32,7 +34,8 @@ bool natural_less(const std::string& a, const std::string& b) {
       i = end_a;
       j = end_b;
     } else {
-      if (a[i] != b[j]) return static_cast<unsigned char>(a[i]) < static_cast<unsigned char>(b[j]);
+      const int x = std::tolower(static_cast<unsigned char>(a[i])), y = std::tolower(static_cast<unsigned char>(b[j]));
+      if (x != y) return x < y;
       ++i;
       ++j;
     }

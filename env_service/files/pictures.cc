@@ -57,24 +57,38 @@ bool may_be_two_counters(const Names& texts) {
   return padded && lengths.size() > 1;
 }
 
-/// Returns where a counter seems to have begun that went on from its highest number at a low one: its numbers, all of
-/// one width, lie at both ends of what it can count, with one large hole between. 0 where it does not.
+/// Returns where a counter seems to have begun that went on from its highest number at a low one: its numbers lie at
+/// both ends of what it can count, with one large hole between. 0 where it does not. Numbers of several widths show it
+/// by the highest one alone, of a decimal, 16-bit or 32-bit counter.
 std::size_t begin_of_wrapped_counter(const Names& texts, const Numbers& numbers) {
+  if (numbers.empty()) return 0;
   std::size_t hole = 0;
   long double largest = 0, second = 0;
+  const std::string& last = texts.back();
+  bool padded = true;
   for (std::size_t i = 1; i < numbers.size(); ++i) {
-    if (texts[i].size() != texts[0].size() || texts[i].find('.') != std::string::npos) return 0;
+    if (texts[i].find('.') != std::string::npos) return 0;
+    padded = padded && texts[i].size() == texts[0].size();
     const long double gap = numbers[i] - numbers[i - 1];
     second = std::max(second, std::min(gap, largest));
     if (gap > largest) hole = i, largest = gap;
   }
-  if (numbers.size() < 3 || texts[0].size() < 3 || largest <= 10 * second) return 0;
-  const bool ends = texts.back()[texts.back().find_first_not_of('0')] == '9' && numbers[0] <= numbers.back() / 10;
-  return ends && largest >= numbers.back() / 4 ? hole : 0;
+  if (numbers.size() < 3 || last.size() < 2 || largest <= 10 * second) return 0;
+  const bool highest = last.find_first_not_of('9') == last.npos || last == "65535" || last == "4294967295",
+             ends = padded ? highest || last[last.find_first_not_of('0')] == '9' : highest && hole + 1 < numbers.size();
+  return ends && numbers[0] <= numbers.back() / 10 && largest >= numbers.back() / 4 ? hole : 0;
+}
+
+/// Returns the month and year of a name in which a day comes before them, or nothing.
+std::string month_after_day(const std::string& name) {
+  static const std::regex form("(?:.*[^0-9])?[0-3]?[0-9][-_. ]([01]?[0-9][-_. ](?:19|20)[0-9][0-9])(?:[^0-9].*)?");
+  std::smatch parts;
+  return std::regex_match(name, parts, form) ? parts[1].str() : "";
 }
 
 /// Returns whether names give no order: words that differ, as hashes do; numbers of different units, or too spread for
-/// times; places, as @utm@easting@northing@.
+/// times; places, as @utm@easting@northing@; days before their month; hours of two halves of a day;
+/// hexadecimal numbers.
 bool without_order(const Names& names, const Numbers& numbers) {
   std::set<std::string> words;
   std::size_t longest = 0;
@@ -84,6 +98,17 @@ bool without_order(const Names& names, const Numbers& numbers) {
     words.insert(std::move(name));
   }
   if (names.size() > 2 && longest > 2 && words.size() * 2 > names.size()) return true;
+  const auto has_half = [&](const std::string& half) {
+    return std::any_of(words.begin(), words.end(), [&](auto& word) { return lower(word).find(half) != word.npos; });
+  };
+  if (month_after_day(names.front()) != month_after_day(names.back()) || (has_half(" am") && has_half(" pm")))
+    return true;
+  const auto is_hexadecimal = [&](const std::string& name) {
+    const std::size_t begin = name.find_last_of("-_. ") + 1;
+    return name.size() == longest && name.find_first_not_of("0123456789abcdefABCDEF", begin) == name.npos;
+  };
+  if (!std::is_sorted(names.begin(), names.end()) && std::all_of(names.begin(), names.end(), is_hexadecimal))
+    return true;
   if (numbers.empty()) return names[0].starts_with("@");
   return numbers.back() > 1e19L || (numbers[0] >= 1e9L && numbers.back() > 500 * numbers[0]) ||
          (numbers[0] >= 1e13L && numbers.back() > 2 * numbers[0]);
@@ -96,13 +121,16 @@ bool is_heif_name(const std::string& file) {
 
 /// Removes files that hold the same bytes as the one whose name theirs is made of, as programs name copies.
 void leave_out_copies(const std::string& folder, Names& files) {
-  static const std::regex form("(.+?)( ?\\([0-9]+\\)|[ _-]+[Cc]opy( ?\\(?[0-9]+\\)?)?)");
+  static const std::regex form(
+      "(?:(?:copy of|kopie von|copie de|copia de) )?(.+?)"
+      "( ?\\([0-9]+\\)|[ _-]+(copy|kopie|kopia|copie|copia)( ?\\(?[0-9]+\\)?)?)?",
+      std::regex::icase);
   std::unordered_map<std::string, std::string> named;  // files by stem
   for (const std::string& file : files) named.emplace(stem_of(file), file);
   Names copies;
   for (const auto& [stem, file] : named) {
     std::smatch parts;
-    if (!std::regex_match(stem, parts, form)) continue;
+    if (!std::regex_match(stem, parts, form) || parts[1] == stem) continue;
     const auto original = named.find(parts[1]);
     std::error_code ignored;
     if (original == named.end()) continue;
@@ -183,7 +211,8 @@ Names pictures_in(const std::string& folder, const PictureTimes& times_of) {
   if (wrapped > 0 && !told)
     throw Error("the counter seems to have begun anew: " + files.front() + " would come before " + files[wrapped],
                 folder,
-                "rename those behind " + files.back() + " so that numbers go on, as " + texts[0] + " to 1" + texts[0]);
+                "rename those behind " + files.back() + " so that numbers go on, as " + texts[0] + " to 1" +
+                    std::string(texts.back().size() - texts[0].size(), '0') + texts[0]);
   if (!told && !by_number && without_order(stems, numbers))
     spdlog::warn("{}: the names of its pictures give no order ({}, {} ...); number them as they were recorded", folder,
                  files[0], files[1]);

@@ -108,7 +108,14 @@ TextTable::TextTable(const std::string& path, const Options& options) {
     if (row.empty() || row.front() == '#') return;
     const auto begin = static_cast<std::size_t>(row.data() - impl->text.data());
     impl->add_row(begin, begin + row.size(), static_cast<std::uint32_t>(line));
-    if (!std::exchange(header, false)) return;
+    if (!std::exchange(header, false)) {
+      const std::size_t last = impl->rows.size() - 1, named = impl->names.size();
+      if (const int found = impl->columns(last);
+          named > 0 && found > static_cast<int>(named) && !impl->field(last, static_cast<int>(named)).empty())
+        throw Error("has " + std::to_string(found) + " fields, the header names " + std::to_string(named),
+                    path + ":" + std::to_string(line), "write decimals with a point, and no comma within a field");
+      return;
+    }
     for (int i = 0; i < impl->columns(0); ++i) impl->names.emplace_back(impl->field(0, i));
     impl->rows.clear();
     impl->fields.clear();
@@ -122,6 +129,7 @@ TextTable::TextTable(const std::string& path, const Options& options) {
 int TextTable::rows() const { return static_cast<int>(impl_->rows.size()); }
 int TextTable::columns(int row) const { return impl_->columns(static_cast<std::size_t>(row)); }
 bool TextTable::has(const std::string& column) const { return impl_->find(column) >= 0; }
+const std::vector<std::string>& TextTable::names() const { return impl_->names; }
 const std::string& TextTable::path() const { return impl_->path; }
 
 std::string_view TextTable::text(int row, int column) const {

@@ -22,7 +22,7 @@ std::string printable(std::string_view field);
 double field_number(const std::vector<std::string_view>& fields, std::size_t index);
 
 /// Rows of a text file of fields. Line ends may be LF, CRLF or CR alone; a byte order mark, empty lines and lines that
-/// begin with '#' are skipped.
+/// begin with '#' are skipped. A row with more fields than the header names is refused.
 class TextTable {
  public:
   struct Options {
@@ -34,6 +34,7 @@ class TextTable {
   int rows() const;
   int columns(int row) const;
   bool has(const std::string& column) const;
+  const std::vector<std::string>& names() const;  ///< of the columns, where there is a header
   /// Returns a field by its column's name or index, without blanks at its ends. Throws Error for an unknown column.
   std::string_view text(int row, const std::string& column) const;
   std::string_view text(int row, int column) const;

@@ -200,6 +200,10 @@ TEST(Heights, OfATableMayBeEmptyButNotNonsense) {
   };
   EXPECT_EQ(load("x,y,z\n0,0,\n3,0,\n6,0,\n").positions, (std::vector<float>{0, 3, 6}));
   EXPECT_EQ(load("x,y,z\n0,0,1\n3,0,\n6,0,9\n").positions, (std::vector<float>{0, 5, 10}));  // 3 on and 4 up
+  EXPECT_EQ(load("x,y,altitude\n0,0,1\n3,0,\n6,0,9\n").positions, (std::vector<float>{0, 5, 10}));
+  const Log log;
+  load("x,y,up,z,yaw,\n0,0,1,1,0,\n3,0,1,1,0\n6,0,1,1,0\n");
+  EXPECT_TRUE(log.has("day.poses.csv: columns that are not read: up, yaw")) << log.text();
   EXPECT_EQ(error_of([&] { load("x,y,z\n0,0,1\n3,0,-9999\n6,0,9\n"); }),
             (folder / "day.poses.csv") + ":3: not a height in metres (leave z empty where it is unknown)");
 }

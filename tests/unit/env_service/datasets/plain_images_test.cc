@@ -157,6 +157,12 @@ TEST_F(PlainDrive, WrongPoses) {
   EXPECT_EQ(told("frame,metres\n-1,2\n"),
             "day.poses.csv:2: not the number of a frame in column 'frame' (frames begin with 0)");
   EXPECT_EQ(told("file,metres\nimg99.png,2\n"), "day.poses.csv:2: no picture of this name in day");
+  EXPECT_EQ(told("lat,lon\n50,1,8,2\n"),
+            "day.poses.csv:2: has 4 fields, the header names 2 (write decimals with a point, and no comma within a "
+            "field)");
+  EXPECT_EQ(told("metres\n1\n2\n\n3\n"),
+            "day.poses.csv: has 3 rows, day has 12 frames (write a row for each frame, or name frames in a column "
+            "'frame')");
   EXPECT_EQ(told("metres\nx\n"), "day.poses.csv:2: 'x' in column 'metres' is not a number");
   make_file(folder_ / "day/poses.csv", "metres\n1\n");
   EXPECT_TRUE(contains(complaint("day"), "remove one of them"));

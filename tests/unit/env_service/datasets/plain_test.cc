@@ -97,6 +97,8 @@ TEST_F(Plain, HeadersAndIndexesAreNotFeatures) {
   EXPECT_EQ(complaint("1700000000.25,.25\n1700000000.75,.5\n"), "x.csv: column 1 has times" + of_pandas);
   EXPECT_EQ(complaint("7,.5\n6,.1\n5,.2\n4,.9\n3,.5\n2,.4\n1,.3\n0,.2\n"),
             "x.csv: column 1 has the numbers of lines" + of_pandas);
+  EXPECT_EQ(complaint("0,.5\n1,.1\n3,.2\n4,.9\n5,.5\n9,.4\n10,.3\n11,.2\n"),
+            "x.csv: column 1 has the numbers of lines" + of_pandas);
   EXPECT_EQ(complaint(".5,1\n.1,2\n.2,3\n.9,4\n.5,5\n.4,6\n.3,7\n.2,8\n"),
             "x.csv: column 2 has the numbers of lines" + of_pandas);
   EXPECT_TRUE(contains(complaint(",0,1\n0,.5,.25\n1,.5,.75\n"), "x.csv:1: nothing in column 1 (features are numbers"));

@@ -41,6 +41,7 @@ TEST(Pictures, NumbersAreSortedAsNumbers) {
       {"img.9.png", "img.10.png", "img.11.png"},
       {"cam1_9.png", "cam1_010.png", "cam1_11.png", "cam2_1.png"},
       {"2024-01-02_9-11-12.png", "2024-01-02_10-01-02.png", "2024-02-01_0-0-0.png"},
+      {"img_8.png", "IMG_9.PNG", "img_10.png", "IMG_11.JPG"},
       {"a.png", "b.png", "c.png"}};
   for (const Names& order : orders) {
     Names given = order;
@@ -68,6 +69,12 @@ TEST(Pictures, ACounterThatWrappedIsRefused) {
         << error;
     EXPECT_TRUE(contains(error, "as " + names[2].substr(4, 4) + " to 1" + names[2].substr(4, 4))) << error;
   }
+  for (const auto& [names, renaming] :
+       std::map<Names, std::string>{{{"00.jpg", "01.jpg", "95.jpg", "99.jpg"}, "as 00 to 100"},
+                                    {{"IMG_0.jpg", "IMG_1.jpg", "IMG_9998.jpg", "IMG_9999.jpg"}, "as 0 to 10000"},
+                                    {{"0.jpg", "1.jpg", "65534.jpg", "65535.jpg"}, "as 0 to 100000"},
+                                    {{"3.jpg", "4294967294.jpg", "4294967295.jpg"}, "as 3 to 10000000003"}})
+    EXPECT_TRUE(contains(Listing(names).error, renaming)) << Listing(names).error;
   for (const Names& names :
        {Names{"00001.jpg", "00002.jpg", "09998.jpg", "09999.jpg", "10000.jpg"},  // thinned
         Names{"000.jpg", "001.jpg", "002.jpg", "900.jpg", "901.jpg", "1000.jpg"}, Names{"0.jpg", "1.jpg", "99.jpg"},
@@ -105,8 +112,9 @@ TEST(Pictures, TimesOrderNames) {
 
 TEST(Pictures, CopiesAreLeftOut) {
   const Folder folder;
-  for (const std::string name : {"1.jpg", "1 (1).jpg", "1 - Copy.jpg", "2.jpg"})
+  for (const std::string name : {"1.jpg", "1 (1).jpg", "1 - Copy.jpg", "1 - Kopie (2).jpg", "2.jpg"})
     make_file(folder / name, name.substr(0, 1));
+  make_file(folder / "Copy of 2.jpg", "2");
   make_file(folder / "2 (1).jpg", "other");
   EXPECT_EQ(pictures_in(folder.path()), (Names{"1.jpg", "2 (1).jpg", "2.jpg"}));
 }
@@ -120,7 +128,8 @@ TEST(Pictures, NamesWithoutAnOrderAreWarnedOf) {
   for (const Names& names :
        {Names{"c4ca4238a0.jpg", "c81e728d9d.jpg", "eccbc87e4b.jpg"},
         Names{"0000635340061525167377.jpg", "0001663341875487337577.jpg", "7003326683750974675154.jpg"},
-        Names{"1700000000.jpg", "1700000001000.jpg"},
+        Names{"1700000000.jpg", "1700000001000.jpg"}, Names{"at 1.00.00 PM.jpg", "at 10.00.00 AM.jpg"},
+        Names{"01-02-2024.jpg", "31-01-2024.jpg"}, Names{"f_000a.jpg", "f_0007.jpg", "f_0008.jpg", "f_0009.jpg"},
         Names{"@utm@0691230.10@5341670.20@32@U@.jpg", "@utm@0691231.10@5341660.20@32@U@.jpg"}}) {
     const Log log;
     EXPECT_EQ(Listing(names).files.size(), names.size());
