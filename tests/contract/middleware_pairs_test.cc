@@ -86,6 +86,17 @@ TEST_P(Pairs, AVolatileWriterIsToldOnBothSides) {
   EXPECT_EQ(publisher->matched() + subscription->matched(), 0);
 }
 
+TEST_P(Pairs, ADifferentTypeIsToldOnBothSides) {
+  Topic other = topic(Profile::kState);
+  other.type = "citylearn::test::Numbers";
+  const auto publisher = writing_->create_publisher(other);
+  const auto subscription = reading_->create_subscription(topic(Profile::kState));
+  EXPECT_EQ(faults(*reading_, 1),
+            std::vector<std::string>{"'writer' publishes type " + other.type + ", expected " + kType});
+  EXPECT_EQ(faults(*writing_, 1),
+            std::vector<std::string>{"'reader' reads type " + kType + ", expected " + other.type});
+}
+
 TEST_P(Pairs, AReaderThatRequestsLessIsNotAFault) {
   const auto publisher = writing_->create_publisher(topic(Profile::kState));
   const auto subscription = reading_->create_subscription(topic(Profile::kRos2));  // VOLATILE, BEST_EFFORT

@@ -122,6 +122,7 @@ TEST(AccessToken, ALinkWorksOnceAndItsCookieFromThenOn) {
   EXPECT_FALSE(access.redeem(""));
   const std::string cookie = access.cookie();
   EXPECT_TRUE(contains(cookie, "; HttpOnly; SameSite=Strict"));
+  EXPECT_FALSE(contains(cookie, "Secure"));
   const std::string pair = cookie.substr(0, cookie.find(';'));
   EXPECT_TRUE(access.allows({"", "", "", pair}));
   EXPECT_TRUE(access.allows({"", "", "", "a=b; " + pair + "; c"}));

@@ -102,106 +102,86 @@ TEST(Tape, NamesSizesThatDoNotFit) {
 }
 
 /// The network "features" (policy_service/network/agents/features.cc) once more, as a forward pass alone.
-template <class S>
-class Lstm : public AutodiffNetwork<S> {
+class Lstm : public AutodiffNetwork<double> {
  public:
   Lstm(int features, int frames, int hidden, int cells) : frames_(frames), cells_(cells) {
-    this->weights("sensors.weight", hidden, features + 1);
-    this->bias("sensors.bias", hidden);
-    this->weights("lstm.input", 4 * cells, hidden + 2 * kActions);
-    this->weights("lstm.recurrent", 4 * cells, cells);
-    this->bias("lstm.bias", 4 * cells);
-    this->weights("heads.weight", kActions + 1, cells);
-    this->bias("heads.bias", kActions + 1);
-    this->weights("auxiliary.weight", 2, cells);
-    this->bias("auxiliary.bias", 2);
+    weights("sensors.weight", hidden, features + 1);
+    bias("sensors.bias", hidden);
+    weights("lstm.input", 4 * cells, hidden + 2 * kActions);
+    weights("lstm.recurrent", 4 * cells, cells);
+    bias("lstm.bias", 4 * cells);
+    weights("heads.weight", kActions + 1, cells);
+    bias("heads.bias", kActions + 1);
+    weights("auxiliary.weight", 2, cells);
+    bias("auxiliary.bias", 2);
   }
   int state_size() const override { return 2 * cells_; }
 
  protected:
-  ForwardResult<S> run(const ForwardPass<S>& pass) const override {
+  ForwardResult<double> run(const ForwardPass<double>& pass) const override {
     const auto& w = pass.tensors;
-    const Variable<S> sensed =
-        stack_rows<S>({S(8) * gather_columns(pass.features(), pass.inputs.seen), S(16) * pass.goals(frames_)});
-    const Variable<S> entering = w[2] * stack_rows<S>({relu(w[0] * sensed + w[1]), pass.actions()}) + w[4];
-    Variable<S> h = rows(pass.state, 0, cells_), c = rows(pass.state, cells_, cells_);
-    std::vector<Variable<S>> all;
+    const Var sensed =
+        stack_rows<double>({8.0 * gather_columns(pass.features(), pass.inputs.seen), 16.0 * pass.goals(frames_)});
+    const Var entering = w[2] * stack_rows<double>({relu(w[0] * sensed + w[1]), pass.actions()}) + w[4];
+    Var h = rows(pass.state, 0, cells_), c = rows(pass.state, cells_, cells_);
+    std::vector<Var> all;
     for (int t = 0; t < pass.inputs.steps; ++t) {
-      const Variable<S> gates =
+      const Var gates =
           columns(entering, std::ptrdiff_t{t} * pass.inputs.agents, pass.inputs.agents) + w[3] * pass.wiped(h, t);
       c = cwise_product(sigmoid(rows(gates, cells_, cells_)), pass.wiped(c, t)) +
           cwise_product(sigmoid(rows(gates, 0, cells_)), tanh(rows(gates, 3 * cells_, cells_)));
       h = cwise_product(sigmoid(rows(gates, 2 * cells_, cells_)), tanh(c));
       all.push_back(h);
     }
-    const Variable<S> states = stack_columns(all), heads = w[5] * states + w[6];
-    return {rows(heads, 0, kActions), rows(heads, kActions, 1), stack_rows<S>({h, c}),
-            pass.localise ? w[7] * states + w[8] : Variable<S>()};
+    const Var states = stack_columns(all), heads = w[5] * states + w[6];
+    return {rows(heads, 0, kActions), rows(heads, kActions, 1), stack_rows<double>({h, c}),
+            pass.localise ? w[7] * states + w[8] : Var()};
   }
 
  private:
   const int frames_, cells_;
 };
 
-template <class S>
-NetworkInputs<S> converted(const NetworkInputs<double>& from) {
-  NetworkInputs<S> to;
-  to.resize(static_cast<int>(from.features.rows()), from.steps, from.agents);
-  to.frames = from.frames;
-  to.features = from.features.cast<S>();
-  to.distinct = from.distinct;
-  to.seen = from.seen;
-  to.goal = from.goal;
-  to.position = from.position;
-  to.previous_action = from.previous_action;
-  to.allowed = from.allowed;
-  to.first = from.first;
-  return to;
-}
-
 /// Heads, state and gradient of both are the same to rounding.
-template <class S>
-void expect_the_same_lstm(S tolerance) {
+TEST(AutodiffNetwork, IsTheLstmThatIsWrittenByHand) {
+  constexpr double kTolerance = 1e-12;
   const NetworkTask task = small_task(5);
-  const auto& entry = NetworkRegistry<S>::instance().find("network", "features");
+  const auto& entry = NetworkRegistry<double>::instance().find("network", "features");
   const auto by_hand = entry.create(Parameters("features", entry.parameters, {{"hidden", 6}, {"cells", 4}}), task);
-  const Lstm<S> taped(5, task.frames, 6, 4);
+  const Lstm taped(5, task.frames, 6, 4);
   ASSERT_EQ(taped.parameter_count(), by_hand->parameter_count());
   for (std::size_t i = 0; i < taped.tensors().size(); ++i)
     ASSERT_EQ(taped.tensors()[i].name, by_hand->tensors()[i].name);
   Random random{4};
-  Vector<S> parameters;
+  Vector<double> parameters;
   by_hand->initialise(random, parameters);
-  for (S& value : parameters) value += static_cast<S>(0.1 * random.normal());
-  const NetworkInputs<S> inputs = converted<S>(some_inputs(task, task.frames));
-  const Matrix<S> state = random_matrix(6, taped.state_size(), inputs.agents).template cast<S>();
+  for (double& value : parameters) value += 0.1 * random.normal();
+  const NetworkInputs<double> inputs = some_inputs(task, task.frames);
+  const Matrix<double> state = random_matrix(6, taped.state_size(), inputs.agents);
   const auto one = by_hand->make_workspace(), other = taped.make_workspace();
   for (const bool localise : {true, false, true}) {
     one->localise = other->localise = localise;
     by_hand->forward(parameters, inputs, state, *one);
     taped.forward(parameters, inputs, state, *other);
-    EXPECT_TRUE(one->heads.logits.isApprox(other->heads.logits, tolerance));
-    EXPECT_TRUE(one->heads.values.isApprox(other->heads.values, tolerance));
-    EXPECT_TRUE(one->state.isApprox(other->state, tolerance));
-    Heads<S> derivative = other->heads;
+    EXPECT_TRUE(one->heads.logits.isApprox(other->heads.logits, kTolerance));
+    EXPECT_TRUE(one->heads.values.isApprox(other->heads.values, kTolerance));
+    EXPECT_TRUE(one->state.isApprox(other->state, kTolerance));
+    Heads<double> derivative = other->heads;
     EXPECT_EQ(derivative.auxiliary.size() > 0, localise);
     if (localise) {
-      EXPECT_TRUE(one->heads.auxiliary.isApprox(derivative.auxiliary, tolerance));
+      EXPECT_TRUE(one->heads.auxiliary.isApprox(derivative.auxiliary, kTolerance));
     }
-    for (Matrix<S>* part : {&derivative.logits, &derivative.values, &derivative.auxiliary})
-      for (std::ptrdiff_t i = 0; i < part->size(); ++i) part->data()[i] = static_cast<S>(1 + i % 7);
-    Vector<S> expected = Vector<S>::Ones(parameters.size()), gradient = expected;  // both add
+    for (Matrix<double>* part : {&derivative.logits, &derivative.values, &derivative.auxiliary})
+      for (std::ptrdiff_t i = 0; i < part->size(); ++i) part->data()[i] = static_cast<double>(1 + i % 7);
+    Vector<double> expected = Vector<double>::Ones(parameters.size()), gradient = expected;  // both add
     by_hand->backward(parameters, inputs, *one, derivative, expected);
     taped.backward(parameters, inputs, *other, derivative, gradient);
     for (const Tensor& tensor : taped.tensors())
       EXPECT_TRUE(expected.segment(tensor.offset, tensor.rows * tensor.cols)
-                      .isApprox(gradient.segment(tensor.offset, tensor.rows * tensor.cols), tolerance))
+                      .isApprox(gradient.segment(tensor.offset, tensor.rows * tensor.cols), kTolerance))
           << tensor.name;
   }
 }
-
-TEST(AutodiffNetwork, IsTheLstmThatIsWrittenByHandInDouble) { expect_the_same_lstm<double>(1e-12); }
-TEST(AutodiffNetwork, IsTheLstmThatIsWrittenByHandInFloat) { expect_the_same_lstm<float>(2e-5f); }
 
 /// Says which head has a wrong size.
 class Wrong : public AutodiffNetwork<double> {

@@ -259,29 +259,35 @@ TEST(PlaceFilter, KnowsItsPlaceAtEachOfSeveralGoals) {
     }
 }
 
-/// On streets it is known with which heading one came, if that was believed.
-TEST(SparseFilter, OnStreetsKnowsItsPlaceAtEachOfSeveralGoals) {
+/// Follows an agent on the small streets that sees nothing, forward from what it believed before, or at its first step.
+SparseStep<float> step_on_streets(float slip, int goal, std::uint8_t allowed, const SparseBelief<float>* before) {
   const Traversal traversal = streets_traversal();
   const PlaceKeys<float> keys(Eigen::Map<const Matrix<float>>(traversal.features.data(), 16, 13), 16, 13, true);
-  SparseFilter<float> filter(keys, Motion<float>(0, 0), small_states());
-  const Matrix<float> features = Matrix<float>::Zero(16, 1);
+  SparseStep<float> step;
+  step.before = before;
+  step.goal = goal;
+  step.allowed = allowed;
+  step.first = !before;
+  step.repeated = true;
+  if (before) step.action = kForward;
+  SparseFilter<float>(keys, Motion<float>(slip, 0), small_states())
+      .advance(Matrix<float>::Zero(16, 1), 13, 16, 0, {&step, 1});
+  return step;
+}
+
+/// On streets it is known with which heading one came, if that was believed.
+TEST(SparseFilter, OnStreetsKnowsItsPlaceAtEachOfSeveralGoals) {
   SparseBelief<float> before;
   before.places = {2, 7};  // at place 1 facing 2, or at 3
   before.shares = {0.25f, 0.75f};
   before.elsewhere = 0;
   before.goal = 2;
-  SparseStep<float> step;
-  step.before = &before;
-  step.goal = 0;
-  step.action = kForward;
-  step.allowed = 0b111;
-  step.repeated = true;
-  filter.advance(features, 13, 16, 0, {&step, 1});
+  SparseStep<float> step = step_on_streets(0, 0, 0b111, &before);
   EXPECT_EQ(step.after.places, std::vector<int>{5}) << "forward from 2";
   EXPECT_EQ(step.after.goal, 0);
   before.places = {7};  // which leads elsewhere
   before.shares = {1};
-  filter.advance(features, 13, 16, 0, {&step, 1});
+  step = step_on_streets(0, 0, 0b111, &before);
   EXPECT_EQ(step.after.places, (std::vector<int>{4, 5, 6})) << "any heading at place 2";
   for (const float share : step.after.shares) EXPECT_FLOAT_EQ(share, 1 / 3.0f);
 }
@@ -296,26 +302,12 @@ TEST(StreetVotes, KnowWhereTheShortestWayBegins) {
 }
 
 TEST(SparseFilter, OnStreetsMovesByTheMapAndExcludesByWhatIsAllowed) {
-  const Traversal traversal = streets_traversal();
-  const PlaceKeys<float> keys(Eigen::Map<const Matrix<float>>(traversal.features.data(), 16, 13), 16, 13, true);
-  SparseFilter<float> filter(keys, Motion<float>(0.2, 0), small_states());
-  const Matrix<float> features = Matrix<float>::Zero(16, 1);
-  SparseStep<float> step;
-  // What is seen tells nothing. Only states 7 and 8 allow no turn, and 8 is at the goal.
-  step.goal = 4;
-  step.allowed = 1u << kForward;
-  step.first = step.repeated = true;
-  filter.advance(features, 13, 16, 0, {&step, 1});
+  // Only states 7 and 8 allow no turn, and 8 is at the goal.
+  SparseStep<float> step = step_on_streets(0.2f, 4, 1u << kForward, nullptr);
   ASSERT_EQ(step.after.places, std::vector<int>{7});
   EXPECT_FLOAT_EQ(step.after.shares[0], 1);
   const SparseBelief<float> before = step.after;
-  step = {};
-  step.before = &before;
-  step.goal = 4;
-  step.action = kForward;
-  step.allowed = 0b111;
-  step.repeated = true;
-  filter.advance(features, 13, 16, 0, {&step, 1});
+  step = step_on_streets(0.2f, 4, 0b111, &before);
   // .8 in state 12, .1 in 9, twice as far; .1 stayed in 7, where a turn is not allowed.
   ASSERT_EQ(step.after.places, (std::vector<int>{12, 9}));
   EXPECT_NEAR(step.after.shares[0], 8 / 9., 1e-6);
