@@ -9,14 +9,14 @@ import { dateTime, fixed, integer, percent, plural, short, threeDecimals } from 
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { seriesColour } from '../state/theme';
-import { Card, Empty, Select, Show, State } from '../ui/basics';
+import { Card, Empty, Select, Show, State, toneOf } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Choice, chosen, KIND, type ChoiceOf } from '../ui/choice';
 import { CompletedBar, Heat, Whisker } from '../ui/marks';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
-import { OUTCOME, Replay, TASK } from './replay';
+import { Replay } from './replay';
 
 const ORDER: ChoiceOf<'worst' | 'newest'> = { name: 'order', label: 'Order', values: { worst: 'Worst first', newest: 'Newest first' } };
 const GOAL: ChoiceOf<'all' | 'reached' | 'missed'> = { name: 'goal', label: 'Goal', values: { all: 'All', reached: 'Reached', missed: 'Missed' } };
@@ -170,6 +170,8 @@ function Checkpoints({ list }: { list: readonly Evaluation[] }): JSX.Element | n
 
 const PAGE = 50;
 
+const goalOf = (one: Episode): string => (one.completed ? 'reached' : 'missed');
+
 function Episodes({ run, evaluations, fresh }: {
   run: Run;
   evaluations: Resource<{ evaluations: Evaluation[] }>;
@@ -203,9 +205,13 @@ function Episodes({ run, evaluations, fresh }: {
     },
     text('traversal', 'Traversal'),
     { key: 'policy', label: 'Policy', cell: evaluationName },
-    ...OUTCOME,
+    { ...text('completed', 'Goal'), show: (e) => <b class={toneOf(goalOf(e))}>{goalOf(e)}</b> },
+    figure('spl', 'SPL', threeDecimals),
+    figure('steps', 'Steps', integer),
+    figure('shortest', 'Shortest', integer),
     figure('reward', 'Reward', threeDecimals),
-    ...TASK,
+    figure('start', 'Start', integer),
+    figure('goal', 'Goal frame', integer),
     { ...text('environment', 'Environment'), show: (e) => `${e.environment}, agent ${e.agent}` },
     { ...text('recorded', 'Recorded'), show: (e) => dateTime(e.recorded) },
   ];

@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { ComponentChildren, JSX } from 'preact';
+import type { JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
-import type { Episode, EpisodeDetail, RunDetail } from '../api/types';
+import type { EpisodeDetail, RunDetail } from '../api/types';
 import type { Line } from '../maths/curves';
 import { evaluationName } from '../maths/evaluations';
-import { fixed, integer, threeDecimals } from '../maths/format';
+import { fixed, integer } from '../maths/format';
 import { manifestNumber } from '../maths/manifest';
 import { sameTraversal } from '../maths/scene';
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
-import { Card, Empty, IconButton, Select, Show, toneOf } from '../ui/basics';
+import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Pictures, SiblingSelect, siblingsOf } from '../ui/picture';
 import { RouteLegend, RouteMap } from '../ui/route_map';
-import { figure, text, type Column } from '../ui/table';
 
 /** Plays the chosen episode step by step. */
 export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunDetail> }): JSX.Element {
@@ -21,52 +20,32 @@ export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunD
   useEffect(() => {
     room.current?.scrollIntoView({ block: 'start' });
   }, []);
+  const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
+  const shown = valueOf(episode);
   return (
     <div ref={room} id="replay">
-      <EpisodeCard
-        rowid={rowid}
-        title={() => `Replay of episode ${rowid}`}
-        run={valueOf(detail)}
-        focused
+      <Card
+        title={`Replay of episode ${rowid}`}
+        hint={shown ? describe(shown) : undefined}
         actions={
           <button type="button" onClick={() => setParams({ episode: null, step: null })}>
             Close
           </button>
         }
-      />
+      >
+        <Show of={episode} lines={6}>
+          {(one) =>
+            one.positions?.length ? (
+              <Player episode={one} positions={one.positions} run={valueOf(detail)} />
+            ) : (
+              <Empty title="The actions of this episode were not recorded">
+                It has more steps than fit into one message, or the agent slipped or was carried elsewhere, so only its figures were recorded.
+              </Empty>
+            )
+          }
+        </Show>
+      </Card>
     </div>
-  );
-}
-
-interface Playing {
-  run: RunDetail | null;
-  whole?: boolean;
-  /** The keys steer it at once. */
-  focused?: boolean;
-}
-
-/** Shows a recorded episode on the map. `title` is given the episode once it is there. */
-export function EpisodeCard({ rowid, title, actions, ...playing }: Playing & {
-  rowid: number;
-  title: (one: EpisodeDetail | null) => string;
-  actions?: ComponentChildren;
-}): JSX.Element {
-  const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
-  const shown = valueOf(episode);
-  return (
-    <Card title={title(shown)} hint={shown ? describe(shown) : undefined} actions={actions}>
-      <Show of={episode} lines={6}>
-        {(one) =>
-          one.positions?.length ? (
-            <Player episode={one} positions={one.positions} {...playing} />
-          ) : (
-            <Empty title="The actions of this episode were not recorded">
-              It has more steps than fit into one message, or the agent slipped or was carried elsewhere, so only its figures were recorded.
-            </Empty>
-          )
-        }
-      </Show>
-    </Card>
   );
 }
 
@@ -76,34 +55,20 @@ function describe(one: EpisodeDetail): string {
   return `${evaluationName(one)} on ${one.traversal}, ${what} · ${end} · SPL ${fixed(one.spl, 3)}`;
 }
 
-/** Returns how an episode ended. */
-const goalOf = (one: Episode): string => (one.completed ? 'reached' : 'missed');
-
-/** Columns of what an episode came to. */
-export const OUTCOME: Column<Episode>[] = [
-  { ...text('completed', 'Goal'), show: (one) => <b class={toneOf(goalOf(one))}>{goalOf(one)}</b> },
-  figure('spl', 'SPL', threeDecimals),
-  figure('steps', 'Steps', integer),
-  figure('shortest', 'Shortest', integer),
-];
-/** Columns of its task. */
-export const TASK: Column<Episode>[] = [figure('start', 'Start', integer), figure('goal', 'Goal frame', integer)];
-
 const SPEEDS = ['2', '5', '10', '20', '50'] as const;
 
 /** Plays an episode on the map, with the pictures of the places. */
-function Player({ episode, positions, run, whole = false, focused = false }: Playing & {
+function Player({ episode, positions, run }: {
   episode: EpisodeDetail;
   positions: readonly number[];
+  run: RunDetail | null;
 }): JSX.Element {
   const last = positions.length - 1;
   const [step, setStep] = useState(() => Math.min(Math.max(Math.round(Number(param('step', '0')) || 0), 0), last));
   const [playing, setPlaying] = useState(false);
   const speed = SPEEDS.find((one) => one === param('speed', '')) ?? '10';
   const slider = useRef<HTMLInputElement>(null);
-  useEffect(() => {
-    if (focused) slider.current?.focus({ preventScroll: true });
-  }, []);
+  useEffect(() => slider.current?.focus({ preventScroll: true }), []);
   useEffect(() => {
     if (!playing) return undefined;
     const timer = setInterval(() => setStep((now) => Math.min(now + 1, last)), 1000 / Number(speed));
@@ -185,7 +150,7 @@ function Player({ episode, positions, run, whole = false, focused = false }: Pla
             walkers={walkers}
             selected={0}
             path={path}
-            whole={whole}
+            whole={false}
             label={`Route of ${episode.traversal}, step ${step} at frame ${here}`}
           />
           <RouteLegend />

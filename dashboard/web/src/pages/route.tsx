@@ -10,7 +10,7 @@ import { integer } from '../maths/format';
 import { beliefText, routePart, sceneText } from '../maths/scene';
 import { idle, laterGoals, Trails, type Trail } from '../maths/trail';
 import { useJson, valueOf } from '../state/resource';
-import { param, setParams } from '../state/router';
+import { hrefOf, param, setParams } from '../state/router';
 import { now } from '../state/shared';
 import { seriesColour } from '../state/theme';
 import { Card, Empty, Select, Show, Swatch, Tick } from '../ui/basics';
@@ -21,7 +21,6 @@ import { RouteLegend, RouteMap, type Walker } from '../ui/route_map';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
-import { Recorded } from './recorded_route';
 
 const VIEW: ChoiceOf<'route' | 'whole'> = { name: 'view', label: 'Show', values: { route: 'Route', whole: 'Whole traversal' } };
 
@@ -82,7 +81,7 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
           traversal && run.state === 'running' ? (
             <Scenery run={run} traversal={traversal} all={traversals} detail={value} whole={chosen(VIEW) === 'whole'} />
           ) : traversal ? (
-            <Recorded run={run} traversal={traversal} detail={value} whole={chosen(VIEW) === 'whole'} />
+            <Place run={run} traversal={traversal} detail={value} whole={chosen(VIEW) === 'whole'} />
           ) : (
             <Card title="Route">
               <Empty title="No traversals known">env_services announce their traversal when they start.</Empty>
@@ -91,6 +90,27 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
         }
       </Show>
     </>
+  );
+}
+
+/** The map of a run that is over, with the pictures of its first place. */
+function Place({ run, traversal, detail, whole }: {
+  run: Run;
+  traversal: RunTraversal;
+  detail: RunDetail;
+  whole: boolean;
+}): JSX.Element {
+  const { first, count } = routePart(null, detail, traversal);
+  return (
+    <Card title={`Route: ${traversal.traversal}`} hint={`${integer(traversal.frames)} frames`}>
+      <p class="note">
+        This run is over. <a href={hrefOf('deployment', { run: run.id })}>Deployment</a> replays its episodes.
+      </p>
+      <div class="columns route-columns">
+        <RouteMap hash={traversal.hash} first={first} count={count} walkers={[]} selected={0} path={[]} whole={whole} label={`Route of ${traversal.traversal}`} />
+        <Pictures on={traversal} name={traversal.traversal} alt={`Frame of ${traversal.traversal}`} frame={first} sibling={undefined} />
+      </div>
+    </Card>
   );
 }
 

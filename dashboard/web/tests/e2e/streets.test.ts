@@ -43,7 +43,7 @@ describe('streets', () => {
     const { streets } = await api<TraversalMap>(stage.url, `map/${hash}`);
     expect(streets?.place[positions?.at(-1) ?? 0]).toBe(episode?.goal);
     await Promise.all(programs.map((program) => program.kill('SIGKILL')));
-    const { page } = await stage.page(`route?env=env-fall&episode=${episode?.rowid}&step=1`);
+    const { page } = await stage.page(`deployment?run=${encodeURIComponent(run?.id ?? '')}&episode=${episode?.rowid}&step=1`);
     await page.locator('canvas.streets').waitFor();
     await page.locator('.walker', { hasText: 'goal' }).waitFor();
   });
