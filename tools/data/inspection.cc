@@ -7,7 +7,6 @@
 #include <iomanip>
 #include <limits>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <numeric>
 #include <set>
 #include <sstream>
@@ -25,17 +24,10 @@
 namespace citylearn {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 constexpr int kFewestCompared = 48;  // frames; fewer tell too little
 constexpr double kNear = 25;         // metres between places that are taken for the same
 constexpr double kMinStep = 2;       // metres between places that are compared
 constexpr int kFewestSteps = 5;      // that show which way a recording runs
-
-/// Returns the JSON's text. Bytes that are not UTF-8 are replaced.
-std::string dumped(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace); }
-
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 std::string fixed(double value, int digits) {
   if (!std::isfinite(value)) return "-";
@@ -300,57 +292,6 @@ std::string to_table(const std::vector<Summary>& summaries) {
     text += "\n";
   }
   return text;
-}
-
-std::string to_json(const std::string& dataset, const Inspection& inspection) {
-  Json faults = Json::array();
-  for (const Fault& fault : inspection.faults) {
-    Json json{{"traversal", fault.traversal}, {"what", fault.what}};
-    if (fault.frame >= 0) {
-      json["frame"] = fault.frame;
-      json["name"] = fault.name;
-    }
-    faults.push_back(json);
-  }
-  for (const std::string& kind : inspection.not_taken) faults.push_back({{"traversal", "not taken"}, {"what", kind}});
-  return dumped({{"dataset", dataset},
-                 {"frames", inspection.frames},
-                 {"faults", faults},
-                 {"left_out", inspection.left_out},
-                 {"notes", inspection.notes}});
-}
-
-std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries) {
-  Json traversals = Json::array();
-  for (const Summary& one : summaries) {
-    Json json{{"name", one.name}};
-    if (!one.error.empty()) {
-      json["error"] = one.error;
-    } else {
-      json.update(Json{{"condition", one.condition},
-                       {"frames", one.frames},
-                       {"metres", number(one.metres)},
-                       {"mean_step", number(one.mean_step)},
-                       {"gps", one.gps},
-                       {"places", one.places},
-                       {"width", one.width},
-                       {"height", one.height},
-                       {"dimension", one.dimension},
-                       {"bad_frames", one.bad_frames}});
-    }
-    traversals.push_back(json);
-  }
-  return dumped({{"dataset", dataset}, {"traversals", traversals}});
-}
-
-std::string datasets_json() {
-  Json datasets = Json::array();
-  for (const auto* entry : DatasetRegistry::instance().entries()) {
-    Json json{{"name", entry->name}, {"help", entry->help}};
-    for (const auto& [key, value] : entry->about) json[key] = value;
-    datasets.push_back(json);
-  }
-  return dumped(datasets);
 }
 
 }  // namespace citylearn

@@ -63,10 +63,6 @@ Summary summarise(Dataset& dataset, const std::string& name);
 
 /// Returns the table that `info` prints: headings, then a line for each traversal; columns as wide as their contents.
 std::string to_table(const std::vector<Summary>& summaries);
-/// Returns these results as JSON objects, and every dataset with all that is known of it.
-std::string to_json(const std::string& dataset, const Inspection& inspection);
-std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries);
-std::string datasets_json();
 /// Returns the routes, and what was compared by sight, as a picture in SVG.
 std::string to_svg(const Inspection& inspection);
 

@@ -18,7 +18,6 @@ using namespace citylearn;
 struct CommandLine {
   CLI::App *list = nullptr, *check = nullptr, *info = nullptr;
   Source source;  ///< its dataset is empty until it is given or recognised
-  bool json = false;
   std::string picture;
 };
 
@@ -38,10 +37,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   }
   line.check->add_option("--picture", line.picture,
                          "Draw the routes, and which frames look alike, how surely, into this file (SVG)");
-  for (CLI::App* command : {line.list, line.check, line.info}) {
-    command->add_flag("--json", line.json, "Print JSON");
-    command->fallthrough();  // --plugin may stand behind it
-  }
+  for (CLI::App* command : {line.list, line.check, line.info}) command->fallthrough();  // --plugin may stand behind it
 }
 
 void list() {
@@ -63,7 +59,6 @@ std::unique_ptr<Dataset> open_source(Source& source) {
 
 int check(CommandLine& line) {
   const std::unique_ptr<Dataset> dataset = open_source(line.source);
-  const std::string& name = line.source.dataset;
   std::optional<Progress> progress;
   const Inspection inspection = inspect(*dataset, line.source.folder, [&](long done, long all) {
     if (done == 1) progress.emplace("frames", static_cast<int>(all));
@@ -71,21 +66,17 @@ int check(CommandLine& line) {
     return !stop_requested();
   });
   if (!line.picture.empty()) write_file(line.picture, to_svg(inspection));
-  if (line.json) {
-    std::cout << to_json(name, inspection) << "\n";
-  } else {
-    for (const Fault& fault : inspection.faults)
-      std::cout << one_line(fault.traversal +
-                            (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) +
-                            ": " + fault.what)
-                << "\n";
-    for (const std::string& kind : inspection.not_taken) std::cout << one_line("not taken: " + kind) << "\n";
-    for (const std::string& note : inspection.notes) std::cout << one_line(note) << "\n";
-    for (const std::string& kind : inspection.left_out) std::cout << one_line("left out: " + kind) << "\n";
-    std::cout << name << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad";
-    if (!inspection.not_taken.empty()) std::cout << "; kinds of files not taken: " << inspection.not_taken.size();
-    std::cout << "\n";
-  }
+  for (const Fault& fault : inspection.faults)
+    std::cout << one_line(fault.traversal +
+                          (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) + ": " +
+                          fault.what)
+              << "\n";
+  for (const std::string& kind : inspection.not_taken) std::cout << one_line("not taken: " + kind) << "\n";
+  for (const std::string& note : inspection.notes) std::cout << one_line(note) << "\n";
+  for (const std::string& kind : inspection.left_out) std::cout << one_line("left out: " + kind) << "\n";
+  std::cout << line.source.dataset << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad";
+  if (!inspection.not_taken.empty()) std::cout << "; kinds of files not taken: " << inspection.not_taken.size();
+  std::cout << "\n";
   if (stop_requested()) throw Error("stopped before the end", line.source.folder);
   return inspection.faults.empty() && inspection.not_taken.empty() ? 0 : 1;
 }
@@ -96,10 +87,6 @@ int info(CommandLine& line) {
   for (const std::string& name : dataset->names()) summaries.push_back(summarise(*dataset, name));
   const bool broken =
       std::any_of(summaries.begin(), summaries.end(), [](const Summary& one) { return !one.error.empty(); });
-  if (line.json) {
-    std::cout << to_json(line.source.dataset, summaries) << "\n";
-    return broken;
-  }
   std::cout << to_table(summaries);
   return broken;
 }
@@ -118,10 +105,7 @@ int main(int argc, char** argv) {
       [&] {
         if (line.check->parsed()) return check(line);
         if (line.info->parsed()) return info(line);
-        if (line.json)
-          std::cout << datasets_json() << "\n";
-        else
-          list();
+        list();
         return 0;
       });
 }

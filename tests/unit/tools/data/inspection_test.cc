@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <nlohmann/json.hpp>
 
 #include "core/util/random.h"
 #include "tests/paths.h"
@@ -132,7 +131,6 @@ TEST(Inspection, ListsWhatIsNotTaken) {
                                              "not taken: 1 .npy files, the first dusk.npy",
                                              "not taken: 1 .poses.csv files, the first Day.poses.csv",
                                              "not taken: 1 empty folders, the first dawn"}));
-  EXPECT_EQ(nlohmann::json::parse(to_json("plain", inspected()))["left_out"].size(), 1u);
 }
 
 TEST(Inspection, FilesOfADatabaseBelongToIt) {
@@ -234,10 +232,6 @@ TEST(Inspection, NamesEachBadFrame) {
   EXPECT_EQ(inspection.faults[1].name, "day/2.png");
   EXPECT_EQ(inspection.faults[1].frame, 2);
   EXPECT_EQ(inspection.faults[2].name, "night/1.png");
-  const auto json = nlohmann::json::parse(to_json("plain", inspection));
-  EXPECT_EQ(json["frames"], 8);
-  EXPECT_EQ(json["faults"][1]["frame"], 2);
-  EXPECT_FALSE(json["faults"][0].contains("frame"));
   EXPECT_EQ(inspect(*make_dataset("plain", folder.path()), folder.path(), [](long, long) { return false; }).frames, 1);
 }
 
@@ -263,10 +257,6 @@ TEST(Inspection, Summarises) {
   EXPECT_TRUE(std::isnan(night.metres));
   EXPECT_EQ(summarise(*dataset, "feat").dimension, 3);
   EXPECT_TRUE(contains(summarise(*dataset, "bad").error, "only one frame"));
-  const auto json = nlohmann::json::parse(to_json("plain", {day, night, summarise(*dataset, "bad")}));
-  EXPECT_EQ(json["traversals"][0]["frames"], 5);
-  EXPECT_TRUE(json["traversals"][1]["metres"].is_null());
-  EXPECT_TRUE(json["traversals"][2].contains("error"));
 }
 
 TEST(Inspection, ColumnsOfTheTableAreAsWideAsTheirContents) {
@@ -317,10 +307,8 @@ TEST(Inspection, NothingIsNotGood) {
 }
 
 TEST(Inspection, ListsDatasets) {
-  const auto json = nlohmann::json::parse(datasets_json());
-  const auto nordland = std::find_if(json.begin(), json.end(), [](auto& one) { return one["name"] == "nordland"; });
-  ASSERT_NE(nordland, json.end());
-  for (const std::string key : {"help", "paper", "address", "licence", "size"}) EXPECT_TRUE(nordland->contains(key));
+  for (const std::string key : {"paper", "address", "licence", "size"})
+    expect_said({{{"list"}, 0, "\n  " + key + ": "}});
 }
 
 }  // namespace
