@@ -54,8 +54,8 @@ void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
   lab::MatchingOptions& match = options.matching;
   add_list(app, "--method", options.methods,
            "nearest or mlp, then any of csls, contrast, sequence, past, seqslam, joined by +, such as csls+sequence");
-  app.add_option("--measure", line.measure, "How features are compared: cosine, l2, l1")
-      ->check(CLI::IsMember({"cosine", "l2", "l1"}));
+  app.add_option("--measure", line.measure, "How features are compared: cosine, l1")
+      ->check(CLI::IsMember({"cosine", "l1"}));
   app.add_option("--sequence", match.sequence, "Length of a sequence in frames, odd")->check(CLI::Range(1, 999));
   app.add_option("--past", match.past, "How many earlier frames past takes with each frame")->check(CLI::Range(1, 999));
   app.add_option("--slowest", match.slowest, "Slowest speed of sequence and past, in reference frames per query frame")

@@ -105,9 +105,7 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
       {"reference", options.source.traversal},
       {"ground_truth", options.radius > 0 ? "frames within " + number(options.radius) + " m"
                                           : "frame i of the query shows the place of frame i of the reference"},
-      {"measure", measure == Measure::kCosine ? "cosine"
-                  : measure == Measure::kL2   ? "l2"
-                                              : "l1"},
+      {"measure", measure == Measure::kCosine ? "cosine" : "l1"},
       {"definitions",
        {{"recall_n",
          "share of the queries that have a true place with a right frame among the n most similar ones; "

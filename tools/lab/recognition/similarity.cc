@@ -14,8 +14,6 @@ namespace {
 
 using Eigen::Index;
 
-Eigen::VectorXf squared_norms(const Eigen::MatrixXf& features) { return features.colwise().squaredNorm(); }
-
 Eigen::VectorXf inverse_norms(const Eigen::Ref<const Eigen::MatrixXf>& features) {
   const Eigen::VectorXf norms = features.colwise().norm();
   return norms.unaryExpr([](float norm) { return norm > 0 ? 1 / norm : 0.0f; });
@@ -57,9 +55,8 @@ void read_product(const Eigen::MatrixXf& a, const Eigen::MatrixXf& b, Index row,
 
 Measure measure_of(const std::string& name) {
   if (name == "cosine") return Measure::kCosine;
-  if (name == "l2") return Measure::kL2;
   if (name == "l1") return Measure::kL1;
-  throw Error("unknown measure '" + name + "'", "", "known: cosine, l2, l1");
+  throw Error("unknown measure '" + name + "'", "", "known: cosine, l1");
 }
 
 Scores similarity(const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query, Measure measure) {
@@ -75,26 +72,12 @@ Scores similarity(const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query
           for (Index i = from; i < std::min(from + kBlock, block.rows()); ++i)
             block(i, j) = -(reference.col(r + i) - query.col(q + j)).lpNorm<1>();
     });
-  if (measure == Measure::kCosine)
-    return Scores(reference.cols(), query.cols(),
-                  [&, of_reference = inverse_norms(reference), of_query = inverse_norms(query)](
-                      Index r, Index q, Eigen::Ref<Eigen::MatrixXf> block) {
-                    read_product(reference, query, r, q, block, [&](Index row, Index column, Eigen::MatrixXf& tile) {
-                      tile.array().colwise() *= of_reference.segment(row, tile.rows()).array();
-                      tile.array().rowwise() *= of_query.segment(column, tile.cols()).transpose().array();
-                    });
-                  });
-  // |a - b|^2 = |a|^2 + |b|^2 - 2ab cancels; about a common centre the terms are no larger than the distances.
-  const Eigen::VectorXf centre = reference.rowwise().mean();
-  const Eigen::MatrixXf a = reference.colwise() - centre, b = query.colwise() - centre;
   return Scores(reference.cols(), query.cols(),
-                [a, b, of_reference = squared_norms(a), of_query = squared_norms(b)](
+                [&, of_reference = inverse_norms(reference), of_query = inverse_norms(query)](
                     Index r, Index q, Eigen::Ref<Eigen::MatrixXf> block) {
-                  read_product(a, b, r, q, block, [&](Index row, Index column, Eigen::MatrixXf& tile) {
-                    tile *= -2;
-                    tile.colwise() += of_reference.segment(row, tile.rows());
-                    tile.rowwise() += of_query.segment(column, tile.cols()).transpose();
-                    tile = -tile.cwiseMax(0).cwiseSqrt();
+                  read_product(reference, query, r, q, block, [&](Index row, Index column, Eigen::MatrixXf& tile) {
+                    tile.array().colwise() *= of_reference.segment(row, tile.rows()).array();
+                    tile.array().rowwise() *= of_query.segment(column, tile.cols()).transpose().array();
                   });
                 });
 }

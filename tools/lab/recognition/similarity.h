@@ -11,10 +11,9 @@ namespace citylearn {
 /// Measures of similarity of two features. Larger is always nearer.
 enum class Measure {
   kCosine,  ///< of the angle between them, -1..1; a feature of zeros is 0 from everything
-  kL2,      ///< minus their Euclidean distance
   kL1,      ///< minus the sum of their absolute differences: what SeqSLAM compares images by
 };
-/// Parses "cosine", "l2" or "l1". Throws Error listing them.
+/// Parses "cosine" or "l1". Throws Error listing them.
 Measure measure_of(const std::string& name);
 
 /// Returns the similarities of D x R reference features and D x Q query features, which must outlive them. Throws Error
