@@ -126,13 +126,8 @@ class Evaluation {
   int run() {
     bool stopped = false;
     try {
-      std::vector<Part> parts;
-      if (!reference_.images) parts.push_back(features_part());
-      for (const auto& [name, encoder] : encoders_) {
-        parts.push_back(encoded_part(name, *encoder));
-        if (!options_.together) run_parts(std::exchange(parts, {}));
-      }
-      if (!parts.empty()) run_parts(parts);
+      if (!reference_.images) run_part(features_part());
+      for (const auto& [name, encoder] : encoders_) run_part(encoded_part(name, *encoder));
     } catch (const lab::Stopped&) {
       stopped = true;
     }
@@ -233,51 +228,29 @@ class Evaluation {
     return part;
   }
 
-  /// Several parts count alike: each frame's features are the parts' ones, each of length 1, one below the other.
-  void run_parts(const std::vector<Part>& parts) {
-    Eigen::Index most = parts.front().reference.matrix.cols() - 1;
-    std::string label, name;
-    for (const Part& part : parts) {
-      most = std::min(most, part.reference.matrix.rows());
-      label += (label.empty() ? "" : "+") + part.label;
-      name += (name.empty() ? "" : " + ") + part.name;
-    }
+  void run_part(const Part& part) {
+    const Eigen::MatrixXf& reference = part.reference.matrix;
+    const int most = Reduction::largest_dimension(reference.rows(), reference.cols());
     for (const std::string& centring : options_.centrings)
       for (const int dimension : options_.dimensions) {
         if (stop_requested()) throw lab::Stopped{};
         if (dimension > most) {
-          spdlog::warn("{}: no PCA to {} dimensions, as {} are the most: left out", label, dimension, most);
+          spdlog::warn("{}: no PCA to {} dimensions, as {} are the most: left out", part.label, dimension, most);
           continue;
         }
         const Clock::time_point start = Clock::now();
-        std::vector<Reduction> reductions(parts.size());
-        for (std::size_t i = 0; i < parts.size(); ++i)
-          reductions[i] = Reduction::learn(
-              parts[i].reference.matrix,
-              {.centring = centring_of(centring), .dimension = dimension, .whitening = options_.whitening});
-        const auto reduce = [&](const auto& descriptors_of) {
-          Eigen::MatrixXf all;
-          for (std::size_t i = 0; i < parts.size(); ++i) {
-            const Eigen::MatrixXf& descriptors = descriptors_of(parts[i]).matrix;
-            Eigen::MatrixXf features = reductions[i].apply(descriptors);
-            if (parts.size() == 1) return features;
-            for (auto column : features.colwise()) column.normalize();
-            all.conservativeResize(all.rows() + features.rows(), features.cols());
-            all.bottomRows(features.rows()) = features;
-          }
-          return all;
-        };
-        const Eigen::MatrixXf reduced = reduce([](const Part& part) -> auto& { return part.reference; });
+        const Reduction reduction = Reduction::learn(
+            reference, {.centring = centring_of(centring), .dimension = dimension, .whitening = options_.whitening});
+        const Eigen::MatrixXf reduced = reduction.apply(reference);
         const double learning = seconds_since(start);
         for (std::size_t i = 0; i < queries_.size(); ++i) {
           const Clock::time_point began = Clock::now();
-          const Eigen::MatrixXf query = reduce([i](const Part& part) -> auto& { return part.queries[i]; });
-          double encoding = 0;
-          for (const Part& part : parts) encoding += part.reference.seconds + part.queries[i].seconds;
+          const Eigen::MatrixXf query = reduction.apply(part.queries[i].matrix);
+          const double encoding = part.reference.seconds + part.queries[i].seconds;
           Row row;
-          row.facts = {
-              {"encoder", label},     {"name", name},         {"dimension", reduced.rows()},
-              {"pca", dimension > 0}, {"centring", centring}, {"whitening", dimension > 0 ? options_.whitening : 0.0}};
+          row.facts = {{"encoder", part.label},       {"name", part.name},
+                       {"dimension", reduced.rows()}, {"pca", dimension > 0},
+                       {"centring", centring},        {"whitening", dimension > 0 ? options_.whitening : 0.0}};
           const double reducing = learning + seconds_since(began);
           for (const lab::Method& method : methods_) run_method(row, encoding, reducing, method, reduced, query, i);
         }

@@ -19,7 +19,6 @@ struct Options {
   std::vector<std::string> queries;
   // Encoding.
   std::vector<std::string> encoders;  ///< empty: the default one, where there are pictures
-  bool together = false;              ///< one encoder of them all, each with the same weight
   std::map<std::string, std::map<std::string, double>> parameters;  ///< those given, by encoder
   EncoderFiles files;
   std::string store;

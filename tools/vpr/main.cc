@@ -32,8 +32,6 @@ void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
   app.option_defaults()->group(group);
   add_list(app, "--encoder", options.encoders,
            "Encoders: " + encoder_names() + " (" + kDefaultEncoder + "); not for datasets that have features");
-  app.add_flag("--together", options.together,
-               "Recognise by all encoders at once, each with the same weight, instead of by one after the other");
   add_encoder_options(app, options.files, options.parameters, group);
   app.add_option("--store", line.store, "Folder of the feature store; none keeps features in memory only")
       ->type_name("DIR")

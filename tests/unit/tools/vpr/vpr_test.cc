@@ -149,21 +149,6 @@ TEST(VprTool, PicturesGoThroughTheDefaultEncoder) {
   EXPECT_EQ(sheet.cols, 12 * (160 + 2 * 4 + 6));
 }
 
-TEST(VprTool, SeveralEncodersTogether) {
-  const Folder output;
-  const Ended ended =
-      vpr("--synthetic-frames 40 --query night --encoder patchnorm,hog --together --dimension 0,16 "
-          "--no-pictures --output " +
-          output.path());
-  ASSERT_EQ(ended.status, 0) << ended.text;
-  const auto rows = nlohmann::json::parse(contents(output / "results.json"))["rows"];
-  ASSERT_EQ(rows.size(), 2u);
-  EXPECT_EQ(rows[0]["encoder"], "patchnorm+hog");
-  EXPECT_EQ(rows[0]["dimension"], 64 * 32 + 10080);
-  EXPECT_EQ(rows[1]["dimension"], 2 * 16);
-  EXPECT_GT(rows[1]["recall_1"].get<double>(), 0.8);
-}
-
 TEST(VprTool, PicturesThroughAnEncoderAndAStore) {
   const std::string data = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32");
   if (data.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
