@@ -120,12 +120,6 @@ bool Work::run() {
 
 const Json& Work::outcome(int unit) const { return done_.at(static_cast<std::size_t>(unit)).outcome; }
 
-const Json& Work::outcome(const Json& spec) const {
-  static const Json none;
-  const auto found = numbers_.find(path_of(spec));
-  return found == numbers_.end() ? none : outcome(found->second);
-}
-
 std::string Work::results() const {
   std::string text;
   for (std::size_t i = 0; i < units_.size(); ++i)

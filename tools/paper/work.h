@@ -49,7 +49,6 @@ class Work {
   /// throw Error are logged and left out; the others go on. False when one failed. Throws Stopped.
   bool run();
   /// Returns the outcome of a unit; null when there is none (it failed).
-  const Json& outcome(const Json& spec) const;
   const Json& outcome(int unit) const;
 
   int units() const { return static_cast<int>(units_.size()); }

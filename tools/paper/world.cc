@@ -68,15 +68,13 @@ std::vector<std::string> World::names() const { return names_; }
 
 const Traversal& World::recording(const std::string& name) const { return recordings_.at(name); }
 
-std::uint64_t World::hash(const std::string& name) {
-  const auto [known, fresh] = hashes_.try_emplace(name, 0);
-  if (fresh) known->second = recordings_.at(name).hash();
-  return known->second;
-}
-
 Json World::hashes(const std::vector<std::string>& names) {
   Json all = Json::object();
-  for (const std::string& name : names) all[name] = fmt::format("{:016x}", hash(name));
+  for (const std::string& name : names) {
+    const auto [known, fresh] = hashes_.try_emplace(name, 0);
+    if (fresh) known->second = recordings_.at(name).hash();
+    all[name] = fmt::format("{:016x}", known->second);
+  }
   return all;
 }
 

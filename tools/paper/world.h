@@ -38,8 +38,7 @@ class World {
   std::vector<std::string> names() const;  ///< of all traversals, that one first
   /// A traversal as it was read, with pictures or features.
   const Traversal& recording(const std::string& name) const;
-  std::uint64_t hash(const std::string& name);         ///< of a recording
-  Json hashes(const std::vector<std::string>& names);  ///< as hexadecimal text, by name
+  Json hashes(const std::vector<std::string>& names);  ///< of recordings, as hexadecimal text, by name
 
   /// Returns the names of the frames' representations: "features" where the dataset has them; otherwise "ENCODER-D" for
   /// each D of `dimensions` that the number of frames and the encoder allow (D principal components of the traversal

@@ -81,12 +81,6 @@ Study Context::study(const Agent& agent, std::uint64_t seed, World& where) const
   return study;
 }
 
-std::vector<std::string> few_traversals(const World& world) {
-  std::vector<std::string> names = world.names();
-  names.resize(std::min<std::size_t>(3, names.size()));
-  return names;
-}
-
 Json planned(const Section& section, const Context& context) {
   const Plan plan = section.plan(context);
   Json points = Json::array();

@@ -71,9 +71,6 @@ const std::vector<Section>& sections();
 /// unit is its place in results.json.
 Json planned(const Section& section, const Context& context);
 
-/// Traversals of the sections that try policies in many ways: the one learned from and two others.
-std::vector<std::string> few_traversals(const World& world);
-
 Plan figure_2(const Context& context);
 Plan figure_7(const Context& context);
 Plan figure_8_9(const Context& context);

@@ -34,25 +34,23 @@ class WorkTest : public ::testing::Test {
 TEST_F(WorkTest, IsDoneOnceAndFoundAgain) {
   work.add(counted(3));
   work.add(counted(3));
-  work.add(counted(4));
+  const int four = work.add(counted(4));
   EXPECT_EQ(work.units(), 2);
   EXPECT_TRUE(work.run());
-  EXPECT_EQ(work.outcome({{"number", 4}}), 16);
+  EXPECT_EQ(work.outcome(four), 16);
   Work again(folder / "work");
-  again.add(counted(3));
+  const int three = again.add(counted(3));
   again.add(counted(5));
   EXPECT_TRUE(again.run());
   EXPECT_EQ(times, 3);
-  EXPECT_EQ(again.outcome({{"number", 3}}), 9);
-  EXPECT_TRUE(again.outcome({{"number", 4}}).is_null()) << "not asked for by this run";
+  EXPECT_EQ(again.outcome(three), 9);
 }
 
 TEST_F(WorkTest, WhatFailsOrIsDamagedIsDoneAgain) {
-  work.add({"bad", {{"bad", 1}}, 1, fail});
-  work.add(counted(2));
+  const int bad = work.add({"bad", {{"bad", 1}}, 1, fail}), two = work.add(counted(2));
   EXPECT_FALSE(work.run());
-  EXPECT_TRUE(work.outcome({{"bad", 1}}).is_null());
-  EXPECT_EQ(work.outcome({{"number", 2}}), 4) << "the others go on";
+  EXPECT_TRUE(work.outcome(bad).is_null());
+  EXPECT_EQ(work.outcome(two), 4) << "the others go on";
   for (const auto& file : std::filesystem::directory_iterator(folder / "work")) std::ofstream(file.path()) << "{\"half";
   Work again(folder / "work");
   again.add(counted(2));
@@ -68,10 +66,10 @@ TEST_F(WorkTest, WhatAnotherRunHasDoneMeanwhileIsNotDoneAgain) {
     return 1;
   };
   work.add({"slow", {{"slow", 1}}, 1, other_run});
-  work.add(counted(3));
+  const int three = work.add(counted(3));
   EXPECT_TRUE(work.run());
   EXPECT_EQ(times, 1);
-  EXPECT_EQ(work.outcome({{"number", 3}}), 9);
+  EXPECT_EQ(work.outcome(three), 9);
 }
 
 TEST_F(WorkTest, ResultsAreWithoutWhatTheMachineDecides) {
