@@ -4,14 +4,9 @@
 include(GNUInstallDirs)
 set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME services)
 install(TARGETS dashboard RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT dashboard)
-set(programs env_service encoder_service policy_service
+install(TARGETS env_service encoder_service policy_service
   citylearn_data citylearn_doctor citylearn_export citylearn_paper citylearn_record citylearn_replay
-  citylearn_robot citylearn_ros2 citylearn_teach citylearn_vpr)
-foreach(program ${programs} citylearn_discovery_server)
-  if(TARGET ${program})
-    install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
-  endif()
-endforeach()
+  citylearn_robot citylearn_ros2 citylearn_teach citylearn_vpr RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 set(tools ${CMAKE_INSTALL_DATADIR}/citylearn/tools)
 install(PROGRAMS ${CMAKE_SOURCE_DIR}/tools/citylearn/citylearn DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(FILES ${CMAKE_SOURCE_DIR}/tools/citylearn/commands.sh ${CMAKE_SOURCE_DIR}/tools/citylearn/demo.sh
