@@ -139,8 +139,6 @@ const ICONS = {
   deployment: 'M5 21V4h11l-2 4 2 4H5',
   compare: 'M8 4v16M16 4v16M4 8h4M16 8h4M4 14h4M16 14h4',
   alert: 'M12 4 2.5 20h19zM12 10v4M12 17h.01',
-  table: 'M4 5h16v14H4zM4 10h16M4 14.5h16M10 10v9',
-  chart: 'M4 19h16M6 16l4-5 4 3 5-8',
   save: 'M12 4v10M8 10l4 4 4-4M5 19h14',
   play: 'M8 5l11 7-11 7z',
   pause: 'M8 5v14M16 5v14',
@@ -159,10 +157,9 @@ export function Icon({ name }: { name: IconName }): JSX.Element {
   );
 }
 
-export function IconButton({ icon, label, pressed, onClick, disabled }: {
+export function IconButton({ icon, label, onClick, disabled }: {
   icon: IconName;
   label: string;
-  pressed?: boolean;
   disabled?: boolean;
   onClick: () => void;
 }): JSX.Element {
@@ -172,7 +169,6 @@ export function IconButton({ icon, label, pressed, onClick, disabled }: {
       class="icon-button"
       title={label}
       aria-label={label}
-      aria-pressed={pressed}
       disabled={disabled}
       onClick={onClick}
     >

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 import { render, type JSX } from 'preact';
-import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
+import { useEffect, useMemo, useRef } from 'preact/hooks';
 import uPlot from 'uplot';
-import { download, fileName } from '../maths/csv';
+import { csv, download, fileName } from '../maths/csv';
 import type { Line } from '../maths/curves';
 import { short, significant } from '../maths/format';
-import { lowerBound, type Range } from '../maths/seeds';
+import { lowerBound, type Curve, type Range } from '../maths/seeds';
 import { colour as colourOf, isDark } from '../state/theme';
 import { Card, Empty, IconButton, Swatch } from './basics';
-import { align, ChartTable, chartCsv } from './chart_table';
 import { useSize, useVisible } from './use';
 
 /** A horizontal line to compare with. */
@@ -41,10 +40,27 @@ export interface ChartProps {
   empty?: string;
 }
 
-/** Shows lines over x as a chart, as a table, and as CSV. */
+/** Puts curves on one x axis: every x of any of them. */
+function align(curves: readonly Curve[]): uPlot.AlignedData {
+  return uPlot.join(curves.map(({ x, y }) => [x, y] as unknown as uPlot.AlignedData));
+}
+
+/** Returns what is drawn as CSV, one row per x: a column per line, two more per spread, one per reference. */
+function chartCsv(xLabel: string, lines: readonly Line[], references: readonly Reference[]): string {
+  const curves = lines.flatMap(({ label, x, y, band }) => [
+    { label, x, y },
+    ...(band ? [{ label: `${label} (lowest)`, x, y: band.low }, { label: `${label} (highest)`, x, y: band.high }] : []),
+  ]);
+  const [x, ...columns] = align(curves);
+  return csv(
+    [xLabel, ...curves.map(({ label }) => label), ...references.map(({ label }) => label)],
+    Array.from(x, (value, row) => [value, ...columns.map((column) => column[row]), ...references.map((reference) => reference.value)]),
+  );
+}
+
+/** Shows lines over x as a chart, and saves them as CSV. */
 export function Chart(props: ChartProps): JSX.Element {
   const { title, hint, xLabel, lines, references = [], name, zoom = null } = props;
-  const [asTable, setAsTable] = useState(false);
   const there = lines.filter((line) => line.y.some((value) => value !== null));
   const save = (): void => download(`${fileName(`${name} ${title}`)}.csv`, chartCsv(xLabel, there, references));
   return (
@@ -59,20 +75,12 @@ export function Chart(props: ChartProps): JSX.Element {
               Whole range
             </button>
           )}
-          <IconButton
-            icon={asTable ? 'chart' : 'table'}
-            label={asTable ? `${title} as a chart` : `${title} as a table`}
-            pressed={asTable}
-            onClick={() => setAsTable(!asTable)}
-          />
           <IconButton icon="save" label={`Download ${title} as CSV`} disabled={there.length === 0} onClick={save} />
         </>
       }
     >
       {there.length === 0 ? (
         <Empty title={props.empty ?? 'No values yet'} />
-      ) : asTable ? (
-        <ChartTable {...props} lines={there} references={references} />
       ) : (
         <>
           <Plot {...props} lines={there} references={references} zoom={zoom} />
