@@ -9,7 +9,7 @@
 
 namespace citylearn {
 
-/// Keeps in a store what the Route page shows of a run once its env_services are gone: the maps of its traversals, and
+/// Keeps in a store what replays of a run show once its env_services are gone: the maps of its traversals, and
 /// pictures of places that are spread evenly over its route. Only what a run in the store shows is kept; the store
 /// removes it with the last such run. Each map and picture is stored once, however many runs show it. Each is on the
 /// disk as a whole or not at all. All methods throw Error when the store cannot be read or written.
