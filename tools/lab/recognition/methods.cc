@@ -48,7 +48,8 @@ Eigen::MatrixXd enhanced(const Eigen::MatrixXf& block, int window, double least)
 }
 
 /// Keeps the greatest scores of `pixel` x `pixel` frames in mind.
-void add_to_overview(Eigen::MatrixXf& overview, Index pixel, Index first, const Eigen::MatrixXf& block) {
+void add_to_overview(Eigen::MatrixXf& overview, Index pixel, Index first,
+                     const Eigen::Ref<const Eigen::MatrixXf>& block) {
   for (Index q = 0; q < block.cols(); ++q)
     for (Index r = 0; r < overview.rows(); ++r) {
       float& greatest = overview(r, (first + q) / pixel);
@@ -113,10 +114,11 @@ Method::Result Method::run(const Eigen::MatrixXf& reference, const Eigen::Matrix
   if (pixel > 0) {
     result.overview.setConstant((reference.cols() + pixel - 1) / pixel, (query.cols() + pixel - 1) / pixel,
                                 -std::numeric_limits<float>::infinity());
-    scores = transformed(std::move(scores), {}, [&](const Eigen::MatrixXf& block, Index, Index first) {
-      add_to_overview(result.overview, pixel, first, block);
-      return block;
-    });
+    scores = Scores(reference.cols(), query.cols(),
+                    [&, scores = std::move(scores)](Index r, Index q, Eigen::Ref<Eigen::MatrixXf> block) {
+                      scores.read(r, q, block);
+                      add_to_overview(result.overview, pixel, q, block);
+                    });
   }
   result.answers = answers(scores, truth);
   for (Index q = 0; q < query.cols(); ++q)
