@@ -60,8 +60,7 @@ class Codec:
     """Reads and writes messages of a kind. Threads may use it side by side."""
 
     def __init__(self, kind):
-        self.kind, self.fields, self.names, self.fixed = kind, [], dict(globals()), [0, 1]
-        self.count = len(self.fixed)
+        self.kind, self.fields, self.names, self.fixed, self.count = kind, [], dict(globals()), [0, 1], 2
         self.make = self.function("v", self.add(kind, "m", ""))
         self.values = self.function("m", f"(0, 1, {', '.join(field.values for field in self.fields)})")
         self.fixed_of = itemgetter(*self.fixed)  # a struct fits where these are alike: order, lengths, ends of texts
