@@ -24,6 +24,7 @@ struct CommandLine {
   RobotOptions robot;  // of dataset live
   std::string robot_traversal = kLive;
   CLI::Option* agents = nullptr;
+  std::vector<const CLI::Option*> of_robots;  // what is of no use without a robot
   bool list = false;
   bool list_traversals = false;
   bool show = false;
@@ -61,6 +62,8 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--as", line.robot_traversal, "Name of what the robot sees, as that of a traversal")
       ->capture_default_str()
       ->check(name_problem);
+  line.of_robots = std::as_const(app).get_options(
+      [&](const CLI::Option* option) { return option->get_group() == live && option->get_envname().empty(); });
   app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false);
@@ -120,10 +123,10 @@ int serve(CommandLine& line) {
               << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
     return 0;
   }
-  if (traversal.dataset == kLive)
-    make_live(traversal, line);
-  else if (!line.robot.topics.camera.empty() || !line.robot.topics.position.empty())
-    throw Error("are of a robot", "--camera and --position", "add --dataset live");
+  if (traversal.dataset == kLive) make_live(traversal, line);
+  for (const CLI::Option* option : line.of_robots)
+    if (traversal.dataset != kLive && option->count() > 0)
+      throw Error("is of a robot", option->get_name(), "add --dataset live, or leave it out");
   run_env_service(line.service, traversal, stop_requested);
   return 0;
 }

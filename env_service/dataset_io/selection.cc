@@ -207,9 +207,9 @@ void check_join(Dataset& dataset, const std::string& name, const std::vector<std
   if (siblings.size() != names.size())
     throw Error(fmt::format("names {} of {} recordings", siblings.size(), names.size()), "--align-to",
                 "name one for each of --traversal, in the same order, with + between them");
-  if (selection.first > 0 || selection.end < Selection().end || std::isfinite(selection.from) ||
-      std::isfinite(selection.to))
-    throw Error("cuts one recording", "--frames or --metres", "leave it out, or name one with --traversal");
+  const bool frames = selection.first > 0 || selection.end < Selection().end;
+  if (frames || std::isfinite(selection.from) || std::isfinite(selection.to))
+    throw Error("cuts one recording", frames ? "--frames" : "--metres", "leave it out, or name one with --traversal");
 }
 
 }  // namespace

@@ -358,11 +358,11 @@ cv::Mat decode_image(const Bytes& file, const std::string& where) {
   return picture;
 }
 
-std::string decoding_fault(Images& images, int frame, Bytes& bytes) {
+std::string decoding_fault(Images& images, int frame, Bytes& bytes, double& brightest) {
   if (std::string fault = images.fault(frame); !fault.empty()) return fault;
   try {
     images.read(frame, bytes);
-    decode_image(bytes, "");
+    cv::minMaxIdx(decode_image(bytes, "").reshape(1), nullptr, &brightest);
   } catch (const Error& error) {
     return error.what();
   }

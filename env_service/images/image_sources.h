@@ -45,7 +45,8 @@ std::shared_ptr<Images> cached(std::shared_ptr<Images> images, std::size_t most 
 void encode_png(const cv::Mat& picture, Bytes& bytes);
 /// Decodes an image file to 3 channels, BGR. Throws Error naming `where` when it is too large, broken or unknown.
 cv::Mat decode_image(const Bytes& file, const std::string& where);
-/// Reads and decodes a frame. Returns why that fails; empty when it does not. `bytes` is a buffer.
-std::string decoding_fault(Images& images, int frame, Bytes& bytes);
+/// Reads and decodes a frame. Returns why that fails; empty when it does not. `bytes` is a buffer; `brightest` becomes
+/// the largest value of its pixels, of 255.
+std::string decoding_fault(Images& images, int frame, Bytes& bytes, double& brightest);
 
 }  // namespace citylearn

@@ -256,6 +256,7 @@ class VideoFrames : public Images {
   void open() {
     track_ = std::make_unique<VideoTrack>(path_, name_);
     last_ = -1;
+    broken_ = false;
   }
 
   /// Numbers the pictures in the order in which they are shown: by their time stamps, of which those of the first and
@@ -420,6 +421,8 @@ class VideoFrames : public Images {
     for (int back = 0; back < kCheckedPictures; back = 2 * back + 1) {
       const int begin = std::max(before - back, -1);
       track_->go_to(keys_, begin);
+      last_ = -1;
+      broken_ = false;
       intra_ = begin <= 0 || back > 1;
       if (decode_until(frame) && intra_) return true;
       if (begin < 0 || (last_ == frame && back > 1)) break;  // damaged in the file, not by where decoding began
@@ -430,11 +433,14 @@ class VideoFrames : public Images {
   bool decode_until(int frame) {
     while (track_->decode()) {
       const AVFrame& picture = track_->picture();
-      intra_ |= picture.pict_type == AV_PICTURE_TYPE_I || picture.pict_type == AV_PICTURE_TYPE_NONE;
+      const bool alone = picture.pict_type == AV_PICTURE_TYPE_I || picture.pict_type == AV_PICTURE_TYPE_NONE;
+      intra_ |= alone;
       const int now = frame_of(picture);
       if (now < 0) continue;
+      const bool lost = last_ >= 0 && now > last_ + 1;  // the one before has no picture
+      broken_ = picture.decode_error_flags != 0 || (!alone && (broken_ || lost));
       last_ = now;
-      if (now == frame) return picture.decode_error_flags == 0;
+      if (now == frame) return !broken_;
       if (now > frame + kCheckedPictures) break;
     }
     return false;
@@ -445,6 +451,7 @@ class VideoFrames : public Images {
   int frames_ = 0;
   int last_ = -1;              ///< frame that was decoded last; -1 before the first
   bool intra_ = false;         ///< a picture of its own, which refers to no other, was decoded since the last seek
+  bool broken_ = false;        ///< the picture that was decoded last is damaged, or refers to one that is
   std::vector<int> frame_of_;  ///< of each packet; -1 when it shows none
   std::vector<KeyFrame> keys_;
   std::unique_ptr<VideoTrack> track_;

@@ -82,7 +82,8 @@ std::vector<std::string> EvaluationRun::known(const std::string& name, std::vect
     const EnvHandle* env = context_.env_on(traversal);
     if (!env || !env->streets || env->streets == remembered || (!remembered && learned_on(traversal))) return false;
     spdlog::warn("skipping {} on '{}': {}", name, traversal,
-                 remembered ? "its streets are not those of --train" : "no env_service has --train's streets");
+                 remembered ? "its streets are not those of --train"
+                            : "no env_service has --train's streets; start one on " + context_.options.train.front());
     return true;
   });
   return traversals;

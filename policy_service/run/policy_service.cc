@@ -15,6 +15,7 @@
 #include "core/wire/service.h"
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"
+#include "policy_service/network/checkpoint.h"
 #include "policy_service/network/product.h"
 #include "policy_service/ranks/launcher.h"
 #include "policy_service/records/configuration.h"
@@ -108,6 +109,8 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
   } else if (options.checkpoint.empty()) {
     ControlRegistry::instance().find("control", options.agent);
   }
+  for (const std::string& path : {options.checkpoint, options.resume ? "" : options.initial_checkpoint})
+    if (!path.empty()) read_checkpoint(path);  // before anything of an earlier run is replaced
   if (!options.configuration.empty()) options.configuration = effective_configuration(options, options.configuration);
   return options;
 }

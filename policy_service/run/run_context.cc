@@ -140,6 +140,13 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
       found += (found.empty() ? "" : ", ") + id + " on " + traversal +
                (encoding ? ", being encoded" : ", whose images wait for an encoder_service");
     found = found.empty() ? "none was found" : "found: " + found;
+    for (const std::string& traversal : traversals) {
+      const auto is_on = [&](const auto& one) { return one.second == traversal; };
+      const auto hosts = [&](const auto& one) { return one.second->traversal() == traversal; };
+      if (client.envs().size() + unencoded.size() > 0 && std::none_of(unencoded.begin(), unencoded.end(), is_on) &&
+          std::none_of(client.envs().begin(), client.envs().end(), hosts))
+        found += "; none is called " + traversal;
+    }
     for (const auto& encoder : encoders)
       if (!unencoded.empty() && !encoder.working) found += "; " + encoder.id + ": " + encoder.activity;
     // Encoding may take longer than --wait, and reports its progress.
@@ -150,8 +157,7 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
                                fmt::format("same --session '{}', --domain {} and --interface there?",
                                            options.node.session, options.node.middleware.domain));
     if (Clock::now() > next_log) {
-      if (!encoding)
-        spdlog::info("starting: waiting for env_services on {} to load what they show ({})", missing, found);
+      if (!encoding) spdlog::info("starting: waiting for env_services on {} ({})", missing, found);
       for (const auto& encoder : encoders)
         if (encoding && encoder.working)
           spdlog::info("starting: waiting for features of {}; {}: {}", missing, encoder.id, encoder.activity);

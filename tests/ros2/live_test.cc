@@ -220,7 +220,7 @@ TEST_P(TeachAndRepeat, WrongOptionsAreOneClearLine) {
       {{"--position-type", "fix"}, "its places have no lat and lon"},
       {{"--agents", "2"}, "--agents: a robot is one agent"},
       {{"--slip", "0.1"}, "a robot is imperfect by itself"},
-      {{"--dataset", "plain"}, "--camera and --position: are of a robot"},
+      {{"--dataset", "plain"}, "--camera: is of a robot (add --dataset live, or leave it out)"},
       {{"--goal", "/goal pose"}, "--goal: '/goal pose' is not a topic of ROS 2"},
       {{"--camera", "camera//x"}, "'camera//x' is not a topic of ROS 2"}};
   for (const auto& [wrong, text] : cases) {

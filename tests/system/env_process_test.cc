@@ -88,6 +88,7 @@ TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
   EXPECT_TRUE(contains(complaint({"--slip", "nan"}, 2), "--slip: nan is not a number"));
   EXPECT_TRUE(contains(complaint({"--middleware", "rtps"}), "rtps"));
   EXPECT_TRUE(contains(complaint({"--domain", "233"}, 2), "--domain"));
+  EXPECT_TRUE(contains(complaint({"--max-lost", "0.5"}), "--max-lost: is of a robot (add --dataset live"));
 }
 
 TEST_F(EnvProcess, ReadsAConfigurationFileAndRefusesUnknownKeys) {

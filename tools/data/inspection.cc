@@ -14,6 +14,7 @@
 
 #include "core/files/image_header.h"
 #include "core/util/text.h"
+#include "env_service/dataset_io/alignment.h"
 #include "env_service/dataset_io/sight.h"
 #include "env_service/dataset_io/street_views.h"
 #include "env_service/files/files.h"
@@ -24,10 +25,11 @@
 namespace citylearn {
 namespace {
 
-constexpr int kFewestCompared = 48;  // frames; fewer tell too little
-constexpr double kNear = 25;         // metres between places that are taken for the same
-constexpr double kMinStep = 2;       // metres between places that are compared
-constexpr int kFewestSteps = 5;      // that show which way a recording runs
+constexpr int kFewestCompared = 48;   // frames; fewer tell too little
+constexpr double kNear = 25;          // metres between places that are taken for the same
+constexpr double kMinStep = 2;        // metres between places that are compared
+constexpr double kMinBrightest = 16;  // of 255, the largest value of a picture
+constexpr int kFewestSteps = 5;       // that show which way a recording runs
 
 std::string fixed(double value, int digits) {
   if (!std::isfinite(value)) return "-";
@@ -195,18 +197,33 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
                                    "has " + std::to_string(one.dimension) + " features a frame, " + traversals[0].name +
                                        " has " + std::to_string(traversals[0].dimension) +
                                        ": they are of two encoders, or one table is transposed"});
+  if (dataset.correspondence() == Correspondence::kMatches)
+    for (std::size_t i = 1; i < traversals.size(); ++i) try {
+        align_by_matches(traversals[0], {}, traversals[i], dataset.matches(traversals[0].name, traversals[i].name));
+      } catch (const Error& error) {
+        inspection.faults.push_back({traversals[i].name, -1, "", error.what()});
+      }
   Bytes bytes;
-  for (const Traversal& traversal : traversals)
+  for (const Traversal& traversal : traversals) {
+    int dark = 0;
     for (int frame = 0; frame < traversal.frames; ++frame) {
       if (traversal.images) {
         const std::string name = traversal.images->name(frame);
         taken.insert(name.find(", frame ") == name.npos ? name.substr(0, name.rfind('.'))
                                                         : name.substr(0, name.rfind(',')));
-        if (const std::string what = decoding_fault(*traversal.images, frame, bytes); !what.empty())
+        double brightest = 0;
+        if (const std::string what = decoding_fault(*traversal.images, frame, bytes, brightest); !what.empty())
           inspection.faults.push_back({traversal.name, frame, name, what});
+        else
+          dark += brightest < kMinBrightest;
       }
       if (!progress(++inspection.frames, all)) return inspection;
     }
+    if (2 * dark > traversal.frames)
+      inspection.notes.push_back(traversal.name + ": " + std::to_string(dark) + " of " +
+                                 std::to_string(traversal.frames) +
+                                 " pictures are almost black, as those of 16 bits with low numbers: scale them up");
+  }
   find_left_out(folder, taken, failed, !dataset.distinctive(), inspection);
   const auto [least, most] =
       std::minmax_element(traversals.begin(), traversals.end(), [](auto& a, auto& b) { return a.frames < b.frames; });

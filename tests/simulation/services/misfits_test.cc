@@ -79,6 +79,27 @@ TEST_F(Misfits, ATraversalThatOnlyAMisfitHostsIsMissedAfterTheWait) {
       << run->output();
 }
 
+TEST_F(Misfits, ANameThatNoneHasIsToldBesideThoseThereAre) {
+  const auto other = env("other", "winter", 160);
+  const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--evaluate", "monday", "--wait", "8"});
+  EXPECT_EQ(run->wait(seconds(30)), 1) << run->output();
+  for (const std::string begin :
+       {"starting: waiting for env_services on monday", "no env_service on monday within 8 s"})
+    EXPECT_TRUE(contains(run->output(), begin + " (found: other on winter; none is called monday")) << run->output();
+}
+
+TEST_F(Misfits, ADamagedCheckpointLeavesAnEarlierRunAsItIs) {
+  for (const std::string name : {"cut.clk", "run/summary.json"}) make_file(trial_.folder() / name, "CLKP");
+  for (const Arguments& by : {Arguments{"--mode", "evaluate", "--checkpoint"}, Arguments{"--initial"}}) {
+    const auto run =
+        policy(by + Arguments{trial_.folder() / "cut.clk", "--output", trial_.folder() / "run", "--overwrite"});
+    EXPECT_EQ(run->wait(seconds(20)), 1) << run->output();
+    EXPECT_TRUE(contains(run->output(), "cut.clk: ")) << run->output();
+    EXPECT_EQ(contents(trial_.folder() / "run/summary.json"), "CLKP");
+    EXPECT_FALSE(std::filesystem::exists(trial_.folder() / "run/episodes.csv"));
+  }
+}
+
 /// Announces a traversal and delivers no features of it. Its id comes first, so that a run asks it for them.
 class Miser {
  public:

@@ -129,7 +129,8 @@ TEST(HalfDecoded, DamagedPixelsAreAnError) {
       Bytes bytes;
       const auto fault = [&](const std::string& file) {
         make_file(folder / "x.jpg", file);
-        return decoding_fault(*image_files({folder / "x.jpg"}, ""), 0, bytes);
+        double brightest = 0;
+        return decoding_fault(*image_files({folder / "x.jpg"}, ""), 0, bytes, brightest);
       };
       EXPECT_EQ(fault(good), "");
       EXPECT_EQ(fault(good.substr(0, good.size() - 2) + std::string(3, '\0') + end), "") << "as some cameras pad";

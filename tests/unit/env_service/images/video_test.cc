@@ -389,5 +389,23 @@ TEST(VideoFaults, AFrameThatCannotBeDecodedKeepsItsNumber) {
   }
 }
 
+TEST(VideoFaults, FramesThatReferToADamagedOneAreRefusedToo) {
+  const Folder folder;
+  FilmOptions options;
+  options.key_every = 10;
+  options.damaged = 3;
+  options.pixel = [](int frame, int x, int y) {  // mostly the same, so that encoders let pictures refer to others
+    const bool middle = x >= 24 && x < 40 && y >= 16 && y < 32;
+    return std::array{middle ? 20 + 4 * frame : 60 + (x * 37 + y * 59 + (y < 8 ? 31 * frame : 0)) % 101, 128, 128};
+  };
+  write_film(folder / "x.mp4", 30, options);
+  const auto images = video_frames(folder / "x.mp4", folder.path());
+  for (const int frame : {0, 1, 2, 3, 4, 9, 10, 29, 5, 2, 12})
+    if (frame >= 3 && frame < 10)
+      EXPECT_TRUE(contains(error_of([&] { picture_at(*images, frame); }), "cannot be decoded")) << frame;
+    else
+      EXPECT_EQ(number_of(*images, frame), frame);
+}
+
 }  // namespace
 }  // namespace citylearn::testing

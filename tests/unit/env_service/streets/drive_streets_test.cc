@@ -362,7 +362,9 @@ TEST_F(JoinedStreets, SayWhyTheyCannotBeJoined) {
             "--align-to: names 1 of 2 recordings (name one for each of --traversal, in the same order, with + between "
             "them)");
   EXPECT_EQ(refusal("monday+tuesday", {.first = 3}),
-            "--frames or --metres: cuts one recording (leave it out, or name one with --traversal)");
+            "--frames: cuts one recording (leave it out, or name one with --traversal)");
+  EXPECT_EQ(refusal("monday+tuesday", {.from = 3}),
+            "--metres: cuts one recording (leave it out, or name one with --traversal)");
   make_file(folder_ / "short.csv", "1,2,3\n4,5,6\n");
   make_file(folder_ / "short.poses.csv", "x,y\n0,0\n10,0\n");
   EXPECT_EQ(
@@ -390,7 +392,7 @@ TEST_F(RecordedStreets, NeedPlacesInAPlaneOrOnTheEarth) {
   const std::string missing =
       "traversal 'day': has neither a map of streets nor places in a plane or on the earth (leave out --rule)";
   EXPECT_EQ(refusal(StateRule::kStreet), missing);
-  make_file(folder_ / "day.poses.csv", "metres\n0\n10\n20\n");
+  make_file(folder_ / "day.poses.csv", "frame,metres\n0,0\n1,10\n2,20\n");
   EXPECT_EQ(refusal(StateRule::kStreet), missing);
   // On the earth a receiver errs by 5 m: here the way back is 4.4 m beside, frames 1 m apart, at longitude 180.
   std::string poses = "lat,lon\n";

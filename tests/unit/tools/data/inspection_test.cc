@@ -103,8 +103,33 @@ TEST(Inspection, SaysWhereARecordingMeetsItself) {
   EXPECT_TRUE(notes()[0].starts_with(
       "day: streets: places 16, links 16, junctions 0, dead ends 0, one-way links 16; frames left out: 2, of which 0"));
   EXPECT_EQ(notes()[1], "day: streets: frames 16 to 17 run along frames 0 to 1 (28 degrees)");  // atan(7 / 13)
-  make_file(folder / "day.poses.csv", "x,y\n0,0\n10,0\n20,0\n");
+  make_file(folder / "day.poses.csv", "frame,x,y\n0,0,0\n1,10,0\n2,20,0\n");
   EXPECT_TRUE(notes().empty());
+}
+
+TEST(Inspection, ReadsMatches) {
+  const Folder folder;
+  write_drives(folder);
+  for (const auto& [matches, wrong] : std::map<std::string, std::string>{
+           {"day,night\n0,0\n4,2\n", ""},
+           {"day,night\n0,0\n4,3\n", "the match of frames 4 and 3 is beyond day (5 frames) or night (3 frames)"},
+           {"0,0\n4,2\n", "matches.csv: no column 'day'"},
+           {"day,night\n0,0,0\n", "matches.csv:2: has 3 fields, the header names 2"}}) {
+    make_file(folder / "matches.csv", matches);
+    const Inspection found = inspect(*make_dataset("plain", folder.path()), folder.path(), kOn);
+    EXPECT_EQ(found.faults.size(), wrong.empty() ? 0u : 1u) << matches;
+    for (const Fault& fault : found.faults) EXPECT_TRUE(contains(fault.what, wrong)) << fault.what;
+  }
+}
+
+TEST(Inspection, TellsThatPicturesOf16BitsAreAlmostBlack) {
+  const Folder folder;
+  std::filesystem::create_directory(folder / "day");
+  for (const std::string name : {"day/0.png", "day/1.png"})
+    cv::imwrite(folder / name, cv::Mat(24, 32, CV_16UC1, cv::Scalar(4000)));
+  const auto notes = inspect(*make_dataset("plain", folder.path()), folder.path(), kOn).notes;
+  ASSERT_EQ(notes.size(), 1u);  // 4000 of 65535 are 15 of 255
+  EXPECT_TRUE(notes[0].starts_with("day: 2 of 2 pictures are almost black")) << notes[0];
 }
 
 TEST(Inspection, ListsWhatIsNotTaken) {
@@ -114,7 +139,9 @@ TEST(Inspection, ListsWhatIsNotTaken) {
   // What belongs to other things is no loss.
   for (const std::string file : {"notes.md", "matches.csv", "day.poses.csv", "day/Thumbs.db", "day/.DS_Store",
                                  "day/._0.png", "day/0.xmp", "day/1.json", "day/2.dng", ".cache/x.png"})
-    make_file(folder / file, file == std::string("day.poses.csv") ? "metres\n1\n" : "x");
+    make_file(folder / file, file == std::string("day.poses.csv") ? "frame,metres\n0,1\n"
+                             : file == std::string("matches.csv") ? "day,night\n0,0\n4,2\n"
+                                                                  : "x");
   EXPECT_TRUE(inspected().faults.empty() && inspected().not_taken.empty());
   EXPECT_TRUE(inspected().left_out.empty());
   make_file(folder / "readme.txt", "x");
