@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "core/task/action.h"
-#include "core/task/lost.h"
 
 namespace citylearn {
 
@@ -97,10 +96,10 @@ void LiveSteps::finish() {
 bool LiveSteps::is_lost(const msg::Belief& belief) {
   if (belief.lost().empty()) return false;
   const double bound = robot_->options().max_lost, lost = belief.lost().front();
-  const std::uint32_t likeliest = belief.likely().front(), before = std::exchange(likeliest_, likeliest);
-  const double least = std::exchange(least_lost_, least_lost(least_lost_, before, likeliest, lost));
-  const bool stands =
-      says_lost(least, before, likeliest, lost, bound) && bound < 1 && settings_.task_mode() == msg::EVALUATE;
+  const std::uint32_t likeliest = belief.likely().front(), before = watch_.likeliest();
+  const bool says_lost = watch_.says_lost(std::span(belief.likely()).first(msg::LIKELY_PLACES),
+                                          std::span(belief.probability()).first(msg::LIKELY_PLACES), lost, bound);
+  const bool stands = (says_lost || lost > bound) && bound < 1 && settings_.task_mode() == msg::EVALUATE;
   if (stands == !lost_.empty()) return stands;
   lost_ = !stands ? ""
           : lost > bound
@@ -120,7 +119,7 @@ bool LiveSteps::is_lost(const msg::Belief& belief) {
 /// Forgets what was believed.
 void LiveSteps::forget() {
   lost_.clear();
-  least_lost_ = 1;
+  watch_.reset();
 }
 
 /// Hears where the robot is sent.

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/task/lost.h"
 #include "env_service/environment.h"
 #include "env_service/live/robot.h"
 
@@ -57,8 +58,7 @@ class LiveSteps {
   std::vector<std::uint8_t> actions_;  // of the step
   bool driven_ = false;                // a policy_service lets it drive
   std::string lost_;                   // says that it is; empty: it is not
-  std::uint32_t likeliest_ = 0;        // of the belief before
-  double least_lost_ = 1;              // of beliefs up to it
+  LostWatch watch_;                    // of what is believed in the episode
   std::optional<int> goal_;            // to which it was sent, while no episode has begun for it
 };
 

@@ -229,6 +229,28 @@ py::object belief_of(const Policy& policy, int first_frame) {
                         array(belief.lost(), {agents}));
 }
 
+/// Says which agents are lost.
+struct LostAgents {
+  std::vector<LostWatch> watches;
+
+  /// Returns which say so, bool (B,), by the columns of belief_of(). Those of `starts` begin an episode. Leaps count
+  /// where this step `goes_on` from the one of the last call.
+  py::array_t<bool> say(const py::array_t<std::uint32_t>& places, const py::array_t<float>& probabilities,
+                        const py::array_t<float>& lost, const py::array_t<bool>& starts, bool goes_on) {
+    watches.resize(static_cast<std::size_t>(lost.size()));
+    py::array_t<bool> said(lost.size());
+    for (py::ssize_t agent = 0; agent < lost.size(); ++agent) {
+      LostWatch& watch = watches[static_cast<std::size_t>(agent)];
+      if (!goes_on) watch.forget();
+      if (starts.at(agent)) watch.reset();
+      said.mutable_at(agent) =
+          watch.says_lost({places.data(agent), msg::LIKELY_PLACES}, {probabilities.data(agent), msg::LIKELY_PLACES},
+                          lost.at(agent), kMaxLost);
+    }
+    return said;
+  }
+};
+
 /// Returns a frame's picture, height x width x 3, blue first; None of a recording of features.
 py::object picture_of(const Recording& recording, int frame) {
   if (!recording.images) return py::none();
@@ -356,9 +378,7 @@ void define_evaluation(py::module_& module) {
       .def_readonly("shortest_mean", &Score::shortest_mean)
       .def_readonly("reward", &Score::reward);
   py::class_<Policy>(module, "Policy").def("act", &act).def("belief", &belief_of);
-  module.def("says_lost", py::vectorize(&says_lost));
-  module.def("least_lost", py::vectorize(&least_lost));
-  module.attr("MAX_LOST") = kMaxLost;
+  py::class_<LostAgents>(module, "LostAgents").def(py::init<>()).def("say", &LostAgents::say);
   module.def("agent_policy", &agent_policy);
   module.def("exported_policy", &exported_policy);
   module.def("control_policy", &control_policy);

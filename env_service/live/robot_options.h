@@ -39,7 +39,7 @@ struct RobotOptions {
   double settle = 0.1;  ///< --settle, seconds: what the camera took this long after the robot stopped is sharp
   double off_route =
       0;  ///< --off-route, metres from the nearest place: farther away it stands; 0: ten places' distance
-  double max_lost = kMaxLost;  ///< --max-lost, the `bound` of says_lost(): when it says so it stands; 1: it never does
+  double max_lost = kMaxLost;  ///< --max-lost, the `bound` of LostWatch: when it says so it stands; 1: it never does
 };
 
 /// Adds the options of RobotTopics and those of ROS 2's side.

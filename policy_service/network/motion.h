@@ -16,6 +16,9 @@ constexpr float kNegligible = 1e-30f;
 /// Without it nothing would be believed after a leap that is impossible.
 constexpr double kLeastKidnap = 1e-6;
 
+/// Which mishaps bound how far evidence is tempered, see Motion::later(). Checkpoints of before have the first two.
+enum class TemperingLimit { kKidnappings, kAnyMishap, kHalfBetweenMishaps };
+
 /// Moves a belief b over the N places of a route by an action, in a world that may be imperfect
 /// (docs/how-to/try-an-imperfect-world.md). A is the action's transition matrix in a perfect world:
 ///   (1 - k) ((1 - p) A b + p / 2 (b + A A b)) + k / N,
@@ -29,9 +32,8 @@ class Motion {
             {"kidnap", "probability, a step, of being carried anywhere", 0, 0, 1}};
   }
 
-  /// `slips_limit_tempering`: see later().
-  Motion(double slip, double kidnap, bool slips_limit_tempering = true)
-      : slip_(static_cast<S>(slip)), kidnap_(static_cast<S>(kidnap)), slips_limit_tempering_(slips_limit_tempering) {}
+  Motion(double slip, double kidnap, TemperingLimit limit = TemperingLimit::kHalfBetweenMishaps)
+      : slip_(static_cast<S>(slip)), kidnap_(static_cast<S>(kidnap)), limit_(limit) {}
 
   /// Returns whether the world is perfect: p = k = 0.
   bool exact() const { return slip_ == 0 && kidnap_ == 0; }
@@ -41,13 +43,14 @@ class Motion {
   }
   S slip() const { return slip_; }
   S kidnap() const { return kidnap_; }
-  bool slips_limit_tempering() const { return slips_limit_tempering_; }
+  TemperingLimit limit() const { return limit_; }
   /// Returns t, by which evidence is tempered, one step later: steps since the episode's start in a perfect world. Else
-  /// it stays below 1 / p and 1 / sqrt(k), because what was seen before a slip says less of the place after it, and
-  /// what was seen before a kidnapping nothing.
+  /// what was seen before a slip says less of the place after it, and what was seen before a kidnapping nothing: what
+  /// still counts is at most 1 / (p + sqrt(k)) steps old, half of that on average, below which t stays.
   S later(S t) const {
     const S by_kidnap = kidnap_ > S(kLeastKidnap) ? std::sqrt(kidnap_) : S(0);
-    return (t + 1) * (1 - (slips_limit_tempering_ ? std::max(slip_, by_kidnap) : by_kidnap));
+    if (limit_ == TemperingLimit::kHalfBetweenMishaps) return (t + 1) / (1 + 2 * (slip_ + by_kidnap));
+    return (t + 1) * (1 - (limit_ == TemperingLimit::kAnyMishap ? std::max(slip_, by_kidnap) : by_kidnap));
   }
 
   /// to = A from, with `nothing` at the place that nothing moves to.
@@ -98,7 +101,7 @@ class Motion {
   }
 
   S slip_, kidnap_;
-  bool slips_limit_tempering_;
+  TemperingLimit limit_;
   Vector<S> once_, twice_, odds_, moved_;
 };
 

@@ -50,7 +50,7 @@ class ActingPolicy:
             raise ValueError(f"policy '{policy.name}' learned on other streets and knows no views of these")
         self._acting, self._first_frame = _policy_on(policy, seed, streets), policy.first_frame
         self._streets = bool(streets.hash)
-        self._steps, self._believed, self._belief = 0, -2, None
+        self._steps, self._believed, self._belief, self._lost = 0, -2, None, _native.LostAgents()
 
     def __call__(self, observations: dict[str, np.ndarray], starts: np.ndarray) -> np.ndarray:
         columns = (observations[name] for name in ("features", "goal", "previous_action", "action_mask"))
@@ -60,18 +60,13 @@ class ActingPolicy:
     def belief(self) -> dict[str, np.ndarray] | None:
         """Returns where the agents believed to stand when they acted last: `places` (B, 8), the likeliest first, with
         their `probabilities`, `entropy` (B,) of the whole belief in bits, `lost` (B,), the probability that an agent is not
-        within one place of its likeliest one, and `says_lost`, bool (B,): that is above .7, or the likeliest place leapt
-        just now, and the agent had been sure of where it was before, if this was asked at each step. On streets places
-        are states, and it says that it is lost by `lost` alone. None of a policy that has no belief, and of an exported
-        one."""
+        within one place of its likeliest one, and `says_lost`, bool (B,): that is above .7, and was not at some step of the
+        episode, or the likeliest place leapt just now to one that was unlikely before, if this was asked at each step. On
+        streets places are states, and no leap counts. None of a policy that has no belief, and of an exported one."""
         if self._believed != self._steps and (columns := self._acting.belief(self._first_frame)):
             belief = dict(zip(("places", "probabilities", "entropy", "lost"), columns))
-            goes_on = self._believed == self._steps - 1 and not self._streets and self._belief
-            now, lost = belief["places"][:, 0], belief["lost"]
-            before, least = (self._belief["places"][:, 0], self._least) if goes_on else (now, 1)
-            least = np.where(self._starts, 1, least)
-            belief["says_lost"] = _native.says_lost(least, before, now, lost, _native.MAX_LOST)
-            self._least = _native.least_lost(least, before, now, lost)
+            goes_on = self._believed == self._steps - 1 and not self._streets
+            belief["says_lost"] = self._lost.say(*columns[:2], columns[3], self._starts, goes_on)
             self._belief, self._believed = belief, self._steps
         return self._belief
 

@@ -78,8 +78,10 @@ class PlaceFilter : public AgentNetwork<S> {
     specs[0].help += "; -1: learned";
     specs[1].help += "; -1: learned where slips are, else 0";
     for (ParameterSpec& spec : specs) spec.default_value = spec.minimum = -1;
-    specs.push_back(
-        {kSlipsLimit, "1: evidence is tempered no further than by the steps between two slips", 1, 0, 1, true});
+    specs.push_back({kSlipsLimit,
+                     "evidence is tempered no further than by half the steps between two slips or kidnappings; of "
+                     "checkpoints of before 1: by all of them; 0: by those between kidnappings",
+                     2, 0, 2, true});
     specs.push_back({"units", "units of each of the head's two layers", 64, 1, 4096, true});
     return specs;
   }
@@ -320,8 +322,7 @@ class PlaceFilter : public AgentNetwork<S> {
     const auto value = [&](std::optional<std::size_t> tensor, S told) {
       return tensor ? learned_probability(layout_.view(parameters, *tensor)(0)) : told;
     };
-    return {value(slip_, motion_.slip()), std::max(value(kidnap_, 0), motion_.kidnap()),
-            motion_.slips_limit_tempering()};
+    return {value(slip_, motion_.slip()), std::max(value(kidnap_, 0), motion_.kidnap()), motion_.limit()};
   }
   Scalars scalars(const Vector<S>& parameters) const {
     const auto stored = layout_.view(parameters, scalars_);

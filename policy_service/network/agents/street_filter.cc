@@ -150,7 +150,7 @@ class StreetFilter : public AutodiffNetwork<S> {
 
   Motion<S> motion_by(const S* slip, const S* kidnap) const {
     return {slip ? learned_probability(*slip) : motion_.slip(),
-            std::max(kidnap ? learned_probability(*kidnap) : S(0), motion_.kidnap()), motion_.slips_limit_tempering()};
+            std::max(kidnap ? learned_probability(*kidnap) : S(0), motion_.kidnap()), motion_.limit()};
   }
 
   static void load(const Eigen::Ref<const Vector<S>>& state, int states, Walker& walker) {
