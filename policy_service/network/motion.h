@@ -15,6 +15,8 @@ constexpr float kNegligible = 1e-30f;
 /// Probability, a step, of a kidnapping that an agent reckons with at least where it learns how often actions slip.
 /// Without it nothing would be believed after a leap that is impossible.
 constexpr double kLeastKidnap = 1e-6;
+/// Parameter of networks with a Motion, its `slips_limit_tempering`; 0 where a checkpoint does not say it.
+constexpr const char* kSlipsLimitTempering = "slips-limit-tempering";
 
 /// Moves a belief b over the N places of a route by an action, in a world that may be imperfect
 /// (docs/how-to/try-an-imperfect-world.md). A is the action's transition matrix in a perfect world:

@@ -78,8 +78,8 @@ class PlaceFilter : public AgentNetwork<S> {
     specs[0].help += "; -1: learned";
     specs[1].help += "; -1: learned where slips are, else 0";
     for (ParameterSpec& spec : specs) spec.default_value = spec.minimum = -1;
-    specs.push_back(
-        {kSlipsLimit, "1: evidence is tempered no further than by the steps between two slips", 1, 0, 1, true});
+    specs.push_back({kSlipsLimitTempering, "1: evidence is tempered no further than by the steps between two slips", 1,
+                     0, 1, true});
     specs.push_back({"units", "units of each of the head's two layers", 64, 1, 4096, true});
     return specs;
   }
