@@ -14,6 +14,7 @@
 #include "core/files/files.h"
 #include "core/files/json.h"
 #include "core/util/error.h"
+#include "policy_service/network/motion.h"
 
 namespace citylearn {
 namespace {
@@ -178,7 +179,7 @@ TrainedAgent unbuilt_agent(const Checkpoint& checkpoint) {
     agent.places = agent.task.goals = header.at("task").value("places", 0);
     agent.task.reference = checkpoint.tensors.at("reference");
     agent.network_parameters = header.at("network").get<std::map<std::string, double>>();
-    if (agent.name == "place_filter") agent.network_parameters.emplace("slips-limit-tempering", 0);  // it was so before
+    if (agent.name == "place_filter") agent.network_parameters.emplace(kSlipsLimitTempering, 0);  // it was so before
     agent.parameters = checkpoint.tensors.at("learner.parameters").reshaped();
     if (const auto data = header.find("data"); data != header.end())
       agent.data = TrainingData::parse(data->dump(), "checkpoint");

@@ -15,6 +15,8 @@ constexpr float kNegligible = 1e-30f;
 /// Probability, a step, of a kidnapping that an agent reckons with at least where it learns how often actions slip.
 /// Without it nothing would be believed after a leap that is impossible.
 constexpr double kLeastKidnap = 1e-6;
+/// Parameter of networks with a Motion, its TemperingLimit; 0 where a checkpoint does not say it.
+constexpr const char* kSlipsLimitTempering = "slips-limit-tempering";
 
 /// Which mishaps bound how far evidence is tempered, see Motion::later(). Checkpoints of before have the first two.
 enum class TemperingLimit { kKidnappings, kAnyMishap, kHalfBetweenMishaps };

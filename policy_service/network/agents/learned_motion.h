@@ -20,14 +20,12 @@ S learned_probability(S stored) {
 inline bool learns_slip(const Parameters& parameters) { return parameters["slip"] < 0; }
 inline bool learns_kidnap(const Parameters& parameters) { return learns_slip(parameters) && parameters["kidnap"] < 0; }
 
-constexpr const char* kSlipsLimit = "slips-limit-tempering";  ///< TemperingLimit; 0 where a checkpoint does not say
-
 /// Returns the motion that the parameters tell of; what is learned is that of nobody who ever slips or is kidnapped.
 template <class S>
 Motion<S> told_motion(const Parameters& parameters) {
   const double least = learns_slip(parameters) ? kLeastKidnap : 0;
   return {std::max(parameters["slip"], 0.0), std::max(parameters["kidnap"], least),
-          static_cast<TemperingLimit>(parameters.integer(kSlipsLimit))};
+          static_cast<TemperingLimit>(parameters.integer(kSlipsLimitTempering))};
 }
 
 constexpr double kFirstSlip = 0.01, kFirstKidnap = 1e-4;  ///< what is learned, before anything is experienced

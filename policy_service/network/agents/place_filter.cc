@@ -78,7 +78,7 @@ class PlaceFilter : public AgentNetwork<S> {
     specs[0].help += "; -1: learned";
     specs[1].help += "; -1: learned where slips are, else 0";
     for (ParameterSpec& spec : specs) spec.default_value = spec.minimum = -1;
-    specs.push_back({kSlipsLimit,
+    specs.push_back({kSlipsLimitTempering,
                      "evidence is tempered no further than by half the steps between two slips or kidnappings; of "
                      "checkpoints of before 1: by all of them; 0: by those between kidnappings",
                      2, 0, 2, true});
