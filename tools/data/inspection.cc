@@ -219,9 +219,8 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
       }
       if (!progress(++inspection.frames, all)) return inspection;
     }
-    if (2 * dark > traversal.frames)
-      inspection.notes.push_back(traversal.name + ": " + std::to_string(dark) + " of " +
-                                 std::to_string(traversal.frames) +
+    if (dark == traversal.frames)
+      inspection.notes.push_back(traversal.name + ": all " + std::to_string(dark) +
                                  " pictures are almost black, as those of 16 bits with low numbers: scale them up");
   }
   find_left_out(folder, taken, failed, !dataset.distinctive(), inspection);

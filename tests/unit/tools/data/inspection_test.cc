@@ -129,7 +129,7 @@ TEST(Inspection, TellsThatPicturesOf16BitsAreAlmostBlack) {
     cv::imwrite(folder / name, cv::Mat(24, 32, CV_16UC1, cv::Scalar(4000)));
   const auto notes = inspect(*make_dataset("plain", folder.path()), folder.path(), kOn).notes;
   ASSERT_EQ(notes.size(), 1u);  // 4000 of 65535 are 15 of 255
-  EXPECT_TRUE(notes[0].starts_with("day: 2 of 2 pictures are almost black")) << notes[0];
+  EXPECT_TRUE(notes[0].starts_with("day: all 2 pictures are almost black")) << notes[0];
 }
 
 TEST(Inspection, ListsWhatIsNotTaken) {
