@@ -16,6 +16,7 @@ namespace {
 // Steps and tasks are counted in int.
 constexpr std::uint32_t kMaxCount = 1u << 30;
 constexpr int kMaxTries = 1000;  // to draw a goal that can be reached
+constexpr int kMaxStarts = 5;    // to begin where there is one
 
 std::uint8_t flags_of(const AgentState& agent) {
   return static_cast<std::uint8_t>(agent.flags + kLaterGoal * agent.later.size());
@@ -185,9 +186,18 @@ void Environment::begin_episode(AgentState& agent) {
     return;
   }
   const int frames = static_cast<int>(settings_.frames());
-  agent.start = agent.frame;
-  agent.later = draw_goals(*map_, *fields_, agent.start, goal_to_begin(agent), goals_,
-                           [this](int place) { return streets_ || !is_unmatched(place); });
+  for (int tries = 1;; ++tries) {
+    agent.start = agent.frame;
+    try {
+      agent.later = draw_goals(*map_, *fields_, agent.start, goal_to_begin(agent), goals_,
+                               [this](int place) { return streets_ || !is_unmatched(place); });
+      break;
+    } catch (const Error&) {  // it may stand in a part of the streets that has no way out
+      if (external_goals_ || tries == kMaxStarts) throw;
+      agent.frame = state_to_begin(agent);
+      goes_on = false;
+    }
+  }
   agent.fewest = fewest_steps(*map_, *fields_, settings_.goal_radius(), agent.start, agent.later);
   std::reverse(agent.later.begin(), agent.later.end());
   std::uint64_t limit = std::min(std::uint64_t{settings_.max_steps()} * agent.later.size(), std::uint64_t{kMaxCount});

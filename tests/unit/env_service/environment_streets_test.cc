@@ -93,13 +93,38 @@ TEST(EnvironmentStreets, AGoalMayReachAround) {
   EXPECT_TRUE(holds(error_of([&] { environment.reset(with); }), "finds no goal that can be reached"));
 }
 
-TEST(EnvironmentStreets, AgentsAreCarriedToWhereTheyCanReachTheirGoal) {
-  // From places 2 and 3 nothing leads back to 0 and 1.
+/// From places 2 and 3, in the east, nothing leads back to 0 and 1: agents stand there in states 3 and 4.
+Traversal one_way_traversal() {
   Traversal traversal = small_traversal(5);
   StreetMap streets{{0, 0, 10, 20}, {0, 10, 10, 10}, {0, 1, 1, 2, 3}, {1, 0, 2, 3, 2}, {0, 90, 180, 90, 270}};
   streets.put_in_order();
   traversal.streets = std::make_shared<const StreetMap>(streets);
   traversal.rule = StateRule::kStreet;
+  return traversal;
+}
+
+TEST(EnvironmentStreets, AgentsBeginElsewhereWhereNoGoalCanBeReached) {
+  const Traversal traversal = one_way_traversal();
+  Environment environment(traversal, 1);
+  msg::TaskSettings with = settings(msg::TRAIN, 5, 100);
+  with.goal_radius() = 10;  // who stands at place 2 or 3 is at the other one already
+  environment.reset(with);
+  msg::Observation seen;
+  int begun = 0;
+  for (int step = 0; step < 300; ++step) {
+    environment.observe(seen);
+    if (seen.flags()[0] & msg::FLAG_FIRST) {
+      ++begun;
+      EXPECT_LT(seen.position()[0], 3u);
+    }
+    const std::uint8_t choice = seen.allowed()[0] >> kForward & 1 ? kForward : kLeft;
+    environment.step(std::span(&choice, 1));
+  }
+  EXPECT_GT(begun, 20);
+}
+
+TEST(EnvironmentStreets, AgentsAreCarriedToWhereTheyCanReachTheirGoal) {
+  const Traversal traversal = one_way_traversal();
   Imperfections imperfections;
   imperfections.kidnappings = 1;
   imperfections.slip = 0.1;
