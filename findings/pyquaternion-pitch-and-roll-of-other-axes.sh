@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # pyquaternion 0.9.9, by which nuScenes' tools and many others hold the poses of cars: the help of yaw_pitch_roll says
-# "intrinsic Tait-Bryan angles following the z-y'-x'' convention", so one would expect a car's heading, its climb and
-# its bank. The angles are those of x-y'-z'', about the world's axes in the other order. They are the car's own only on
-# flat ground or with one angle alone, as in the first tests that one makes.
+# "intrinsic Tait-Bryan angles following the z-y'-x'' convention", so one would expect a car's heading, climb and bank.
+# The angles are those of x-y'-z'', the same axes in the other order, as a formula further down in that help has it.
+# They are the car's own only on flat ground or with one angle alone, as in the first tests that one makes.
 # It hurts those who learn from headings and slopes: a car that climbs by 10 degrees towards +y "rolls" by -10, and in
 # a banked bend the heading is off too.
 # Seen for (yaw, pitch, roll) of (90, 10, 0): (90, 0, -10); of (40, 20, 10): (39.2, 21.7, -5.2). SciPy 1.17.1 gives both
