@@ -25,12 +25,12 @@ struct LiveOptions {
 struct EnvServiceOptions {
   NodeOptions node;                      ///< an empty id becomes "env-" + name of the traversal
   int agents = 16;                       ///< M, 1..msg::MAX_AGENTS
-  int evaluation_agents = 1;             ///< at most, in an evaluation of as many tasks; never fewer than M
   Imperfections imperfections;           ///< of the agents' world; imperfect() makes a traversal that fits
   std::vector<std::string> recorders;    ///< ids of recorders for which episodes are kept even before they are heard
   double linger = kLinger.count();       ///< seconds to wait at the end for acknowledgements of live recorders
   std::optional<LiveOptions> live = {};  ///< if set, this robot is the only agent, and it was taught the traversal
   int goals = 1;                         ///< of a task, 1..kMaxGoals, reached one after the other
+  int evaluation_agents = 1;             ///< at most, in an evaluation of as many tasks; never fewer than M
 };
 
 /// Hosts M agents on `traversal` for the policy_service of the session, until `stop` returns true (asked at least every
