@@ -335,7 +335,7 @@ TEST(Inspection, NothingIsNotGood) {
 
 TEST(Inspection, ListsDatasets) {
   for (const std::string key : {"paper", "address", "licence", "size"})
-    expect_said({{{"list"}, 0, "\n  " + key + ": "}});
+    expect_said({Said{{"list"}, 0, "\n  " + key + ": "}});
 }
 
 }  // namespace
