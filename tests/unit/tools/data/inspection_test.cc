@@ -334,8 +334,8 @@ TEST(Inspection, NothingIsNotGood) {
 }
 
 TEST(Inspection, ListsDatasets) {
-  for (const std::string key : {"paper", "address", "licence", "size"})
-    expect_said({Said{{"list"}, 0, "\n  " + key + ": "}});
+  for (const char* line : {"\n  paper: ", "\n  address: ", "\n  licence: ", "\n  size: "})
+    expect_said({Said{{"list"}, 0, line}});
 }
 
 }  // namespace
