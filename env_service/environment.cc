@@ -30,7 +30,6 @@ Environment::Environment(const Traversal& traversal, int agents, const Imperfect
       imperfections_(imperfections),
       goals_(goals),
       announced_agents_(agents),
-      evaluation_agents_(agents),
       streets_(traversal.states()) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
@@ -40,15 +39,6 @@ Environment::Environment(const Traversal& traversal, int agents, const Imperfect
 std::span<const float> Environment::feature(int frame) const {
   const auto dimension = static_cast<std::size_t>(traversal_.dimension);
   return std::span(traversal_.features).subspan(static_cast<std::size_t>(frame) * dimension, dimension);
-}
-
-/// Returns as many agents as the evaluation has tasks, within what is allowed and what fits one datagram.
-int Environment::agents_under(const msg::TaskSettings& settings) const {
-  if (settings.task_mode() != msg::EVALUATE) return announced_agents_;
-  std::size_t most = std::min<std::size_t>(settings.tasks(), static_cast<std::size_t>(evaluation_agents_));
-  if (!settings.by_reference() && traversal_.dimension > 0)
-    most = std::min(most, kMaxWholeBytes / sizeof(float) / static_cast<std::size_t>(traversal_.dimension));
-  return std::max(announced_agents_, static_cast<int>(most));
 }
 
 void Environment::reset(const msg::TaskSettings& settings) {
@@ -69,7 +59,12 @@ void Environment::reset(const msg::TaskSettings& settings) {
     if (settings.first_task() > kMaxCount - settings.tasks())
       throw Error("the last task would be over " + std::to_string(kMaxCount), "TaskSettings.first_task");
   }
-  const int count = agents_under(settings);
+  std::size_t most = 0;  // in an evaluation: as many as it has tasks, within what is allowed and fits one datagram
+  if (settings.task_mode() == msg::EVALUATE)
+    most = std::min<std::size_t>(settings.tasks(), static_cast<std::size_t>(evaluation_agents_));
+  if (!settings.by_reference() && traversal_.dimension > 0)
+    most = std::min(most, kMaxWholeBytes / sizeof(float) / static_cast<std::size_t>(traversal_.dimension));
+  const int count = std::max(announced_agents_, static_cast<int>(most));
   if (!settings.by_reference() && std::int64_t{count} * traversal_.dimension > std::int64_t{msg::MAX_FEATURES})
     throw Error("the features of " + std::to_string(count) + " agents x " + std::to_string(traversal_.dimension) +
                     " do not fit one observation (at most " + std::to_string(msg::MAX_FEATURES) + ")",

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -49,9 +48,8 @@ class Environment {
   /// IDLE, streets are not asked for as a whole or are to be shuffled, max_steps or (EVALUATE) tasks are not 1..2^30,
   /// or agents x D do not fit one observation that is not by_reference.
   void reset(const msg::TaskSettings& settings);
-
   /// Lets evaluations have up to `most` agents where they have so many tasks, and never fewer than M.
-  void allow_evaluation_agents(int most) { evaluation_agents_ = std::max(announced_agents_, most); }
+  void allow_evaluation_agents(int most) { evaluation_agents_ = most; }
 
   /// Returns the features of a frame: D.
   std::span<const float> feature(int frame) const;
@@ -69,8 +67,7 @@ class Environment {
   void use_external_goals() { external_goals_ = true; }
   /// Sets the goal, a place, of the robot's next episode, or none. The next step ends the running one (truncated).
   void set_next_goal(std::optional<int> place) { next_goal_ = place; }
-  /// Returns whether a goal is set for which no episode has begun.
-  bool is_sent() const { return next_goal_.has_value(); }
+  bool is_sent() const { return next_goal_.has_value(); }  ///< whether a goal is set for which no episode has begun
   /// Returns whether the robot has tasks left but no goal.
   bool awaits_goal() const;
   /// Returns the frame to which an agent goes.
@@ -82,17 +79,14 @@ class Environment {
   void observe(msg::Observation& observation) const;
   void observe(msg::Scene& scene) const;  ///< Fills the step and the sequences of agents.
 
-  /// Returns the episodes that the last step ended, by agent.
-  const std::vector<Episode>& finished() const { return finished_; }
-  /// Returns whether every task of mode EVALUATE has been done.
-  bool done() const;
-  std::uint64_t ticks() const { return step_; }                    ///< steps under the present settings
-  int agents() const { return static_cast<int>(agents_.size()); }  ///< under the present settings; at first M
+  const std::vector<Episode>& finished() const { return finished_; }  ///< that the last step ended, by agent
+  bool done() const;                                                  ///< whether every task of mode EVALUATE is
+  std::uint64_t ticks() const { return step_; }                       ///< steps under the present settings
+  int agents() const { return static_cast<int>(agents_.size()); }     ///< under the present settings; at first M
   const Traversal& traversal() const { return traversal_; }
   std::uint64_t traversal_hash() const { return traversal_hash_; }
 
  private:
-  int agents_under(const msg::TaskSettings& settings) const;
   void begin_episode(AgentState& agent);
   void begin_task(AgentState& agent, int task);
   int state_to_begin(AgentState& agent);
@@ -109,9 +103,8 @@ class Environment {
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;
   const Imperfections imperfections_;
-  const int goals_;
-  const int announced_agents_;
-  int evaluation_agents_;                          // at most
+  const int goals_, announced_agents_;
+  int evaluation_agents_ = 0;                      // at most
   const std::shared_ptr<const StateMap> streets_;  // null: a line, whose length the settings say
   std::shared_ptr<const StateMap> map_;            // of the settings in force
   std::optional<DistanceFields> fields_;           // likewise
