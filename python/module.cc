@@ -238,7 +238,7 @@ struct LostAgents {
   py::array_t<bool> say(const py::array_t<std::uint32_t>& places, const py::array_t<float>& probabilities,
                         const py::array_t<float>& lost, const py::array_t<bool>& starts, bool goes_on) {
     watches.resize(static_cast<std::size_t>(lost.size()));
-    py::array_t<bool> said(lost.size());
+    py::array_t<bool> said(ArrayShape{lost.size()});
     for (py::ssize_t agent = 0; agent < lost.size(); ++agent) {
       LostWatch& watch = watches[static_cast<std::size_t>(agent)];
       if (!goes_on) watch.forget();

@@ -39,7 +39,7 @@ RECORDINGS = {
     "every_second": (AGAIN[:2 * FRAMES:2], PAIRS),
     "other_street": (drive(3)[:FRAMES], OTHER),
     "one_picture": (HERE[[50] * FRAMES], f"{OTHER}|{ALIKE}"),
-    "mirrored": (HERE[:, :, ::-1], f"{OTHER}|{CHANGED}"),
+    "mirrored": (HERE[:, :, ::-1], f"{OTHER}|{CHANGED}|{NONE}"),
     "upside_down": (HERE[:, ::-1], f"{OTHER}|{CHANGED}"),
     "half_black": (HERE * (np.arange(WIDTH) < WIDTH // 2), f"{CHANGED}|{NONE}"),
     "black_frames": (HERE * (np.arange(FRAMES) % 2)[:, None, None], f"{ALIKE}|{CHANGED}|{NONE}"),
