@@ -123,10 +123,12 @@ int serve(CommandLine& line) {
               << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
     return 0;
   }
-  if (traversal.dataset == kLive) make_live(traversal, line);
-  for (const CLI::Option* option : line.of_robots)
-    if (traversal.dataset != kLive && option->count() > 0)
-      throw Error("is of a robot", option->get_name(), "add --dataset live, or leave it out");
+  if (traversal.dataset == kLive) {
+    make_live(traversal, line);
+  } else {
+    for (const CLI::Option* option : line.of_robots)
+      if (option->count() > 0) throw Error("is of a robot", option->get_name(), "add --dataset live, or leave it out");
+  }
   run_env_service(line.service, traversal, stop_requested);
   return 0;
 }

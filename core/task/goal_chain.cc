@@ -20,38 +20,10 @@ bool leads_on(const StateMap& map, DistanceFields& fields, int goal, int next) {
 
 }  // namespace
 
-std::vector<std::uint16_t> steps_on(const StateMap& map, const std::vector<int>& goals,
-                                    const std::vector<std::uint16_t>& on) {
-  std::vector<std::pair<int, int>> ends;  // steps on from a state of a goal, and the state
-  for (int state = 0; state < map.states(); ++state)
-    if (std::find(goals.begin(), goals.end(), map.place(state)) != goals.end())
-      ends.emplace_back(on[static_cast<std::size_t>(state)], state);
-  std::sort(ends.begin(), ends.end());
-  std::vector<std::uint16_t> steps(on.size(), StateMap::kNoWay);
-  std::vector<int> queue;  // by rising steps
-  queue.reserve(steps.size());
-  const auto steps_at = [&](std::size_t head) { return int{steps[static_cast<std::size_t>(queue[head])]}; };
-  const auto reach = [&](int state, int count) {
-    std::uint16_t& known = steps[static_cast<std::size_t>(state)];
-    if (known != StateMap::kNoWay || count >= StateMap::kNoWay) return;
-    known = static_cast<std::uint16_t>(count);
-    queue.push_back(state);
-  };
-  auto end = ends.begin();
-  for (std::size_t head = 0; head < queue.size() || end != ends.end(); ++head) {
-    for (; end != ends.end() && (head == queue.size() || end->first <= steps_at(head)); ++end)
-      reach(end->second, end->first);
-    if (head == queue.size()) break;  // no way on from the ends that are left
-    const auto [first, last] = map.before(queue[head]);
-    for (const int* from = first; from != last; ++from) reach(*from, steps_at(head) + 1);
-  }
-  return steps;
-}
-
 DistanceField way_through(const StateMap& streets, float radius, std::span<const int> goals) {
-  std::vector<std::uint16_t> steps(static_cast<std::size_t>(streets.states()), 0);
+  std::vector<std::uint16_t> steps;
   for (std::size_t left = goals.size(); left > 0; --left)
-    steps = steps_on(streets, streets.places_around(goals[left - 1], radius), steps);
+    steps = streets.steps_to(streets.places_around(goals[left - 1], radius), steps);
   return DistanceField(std::make_shared<const std::vector<std::uint16_t>>(std::move(steps)));
 }
 

@@ -16,10 +16,6 @@ constexpr int kMaxGoals = 16;  ///< of an episode
 /// Observation.flags / kLaterGoal: how many goals follow the present one.
 constexpr int kLaterGoal = 16;
 
-/// Returns the fewest steps from each state to one of the places `goals` and, from the state in which one arrives
-/// there, `on`; StateMap::kNoWay where there is no way.
-std::vector<std::uint16_t> steps_on(const StateMap& map, const std::vector<int>& goals,
-                                    const std::vector<std::uint16_t>& on);
 /// Returns the field to the first of the goals, one or more, and from there to the next, up to the last; on streets,
 /// where a goal is also reached at places within `radius` metres of it.
 DistanceField way_through(const StateMap& streets, float radius, std::span<const int> goals);

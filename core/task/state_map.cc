@@ -8,7 +8,6 @@
 #include <numeric>
 #include <string>
 
-#include "core/task/goal_chain.h"
 #include "core/util/error.h"
 
 namespace citylearn {
@@ -142,8 +141,32 @@ std::uint8_t StateMap::allowed(int state) const {
   return mask;
 }
 
-std::vector<std::uint16_t> StateMap::steps_to(const std::vector<int>& goals) const {
-  return steps_on(*this, goals, std::vector<std::uint16_t>(static_cast<std::size_t>(states_), 0));
+std::vector<std::uint16_t> StateMap::steps_to(const std::vector<int>& goals,
+                                              const std::vector<std::uint16_t>& on) const {
+  std::vector<std::pair<int, int>> ends;  // steps on from a state of a goal, and the state
+  for (int state = 0; state < states_; ++state)
+    if (std::find(goals.begin(), goals.end(), place(state)) != goals.end())
+      ends.emplace_back(on.empty() ? 0 : on[static_cast<std::size_t>(state)], state);
+  std::sort(ends.begin(), ends.end());
+  std::vector<std::uint16_t> steps(static_cast<std::size_t>(states_), kNoWay);
+  std::vector<int> queue;  // by rising steps
+  queue.reserve(steps.size());
+  const auto steps_at = [&](std::size_t head) { return int{steps[static_cast<std::size_t>(queue[head])]}; };
+  const auto reach = [&](int state, int count) {
+    std::uint16_t& known = steps[static_cast<std::size_t>(state)];
+    if (known != kNoWay || count >= kNoWay) return;
+    known = static_cast<std::uint16_t>(count);
+    queue.push_back(state);
+  };
+  auto end = ends.begin();
+  for (std::size_t head = 0; head < queue.size() || end != ends.end(); ++head) {
+    for (; end != ends.end() && (head == queue.size() || end->first <= steps_at(head)); ++end)
+      reach(end->second, end->first);
+    if (head == queue.size()) break;  // no way on from the ends that are left
+    const auto [first, last] = before(queue[head]);
+    for (const int* from = first; from != last; ++from) reach(*from, steps_at(head) + 1);
+  }
+  return steps;
 }
 
 std::vector<int> StateMap::places_around(int place, float radius) const {

@@ -60,8 +60,9 @@ class StateMap {
     const auto at = static_cast<std::size_t>(state);
     return {before_.data() + first_before_[at], before_.data() + first_before_[at + 1]};
   }
-  /// Returns the fewest steps from each state of streets to the nearest of the goals, which are places.
-  std::vector<std::uint16_t> steps_to(const std::vector<int>& goals) const;
+  /// Returns the fewest steps from each state of streets to the nearest of the goals, which are places. `on`: of each
+  /// state, steps that follow where one arrives at a goal in it, and count too. kNoWay: none of the goals is reached.
+  std::vector<std::uint16_t> steps_to(const std::vector<int>& goals, const std::vector<std::uint16_t>& on = {}) const;
   /// Returns the places at most `radius` metres from one, itself first.
   std::vector<int> places_around(int place, float radius) const;
 
