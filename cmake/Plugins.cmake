@@ -6,7 +6,7 @@ set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folde
 file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/core/*.inc ${CMAKE_SOURCE_DIR}/policy_service/network/*.h
   ${CMAKE_SOURCE_DIR}/policy_service/rollout/*.h ${CMAKE_SOURCE_DIR}/policy_service/learning/*.h
   ${CMAKE_SOURCE_DIR}/encoder_service/encoding/*.h ${CMAKE_SOURCE_DIR}/env_service/dataset_io/*.h
-  ${CMAKE_SOURCE_DIR}/env_service/files/*.h ${CMAKE_SOURCE_DIR}/env_service/geometry/*.h
+  ${CMAKE_SOURCE_DIR}/env_service/traversal/*.h ${CMAKE_SOURCE_DIR}/env_service/files/*.h ${CMAKE_SOURCE_DIR}/env_service/geometry/*.h
   ${CMAKE_SOURCE_DIR}/env_service/images/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
 list(JOIN headers "," inputs)
 set(interface ${CMAKE_BINARY_DIR}/generated/core/plugin/plugin_interface.h)

@@ -9,10 +9,10 @@
 
 #include "core/exchange/timing.h"
 #include "core/wire/node_options.h"
-#include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
 #include "env_service/live/live_images.h"
 #include "env_service/live/robot_options.h"
+#include "env_service/traversal/traversal.h"
 
 namespace citylearn {
 

@@ -11,9 +11,9 @@
 #include "core/task/state_map.h"
 #include "core/wire/messages.h"
 #include "env_service/agent_state.h"
-#include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
 #include "env_service/live/sighting.h"
+#include "env_service/traversal/traversal.h"
 
 namespace citylearn {
 

@@ -7,7 +7,7 @@
 
 #include "core/task/imperfections.h"
 #include "core/util/random.h"
-#include "env_service/dataset_io/traversal.h"
+#include "env_service/traversal/traversal.h"
 
 namespace CLI {
 class App;

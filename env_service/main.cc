@@ -10,9 +10,9 @@
 #include "core/wire/messages.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/dataset_io/goal_place.h"
 #include "env_service/dataset_io/selection.h"
 #include "env_service/env_service.h"
+#include "env_service/traversal/goal_place.h"
 
 namespace {
 

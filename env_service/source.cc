@@ -6,8 +6,8 @@
 #include "core/task/goal_chain.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
-#include "env_service/dataset_io/goal_place.h"
 #include "env_service/dataset_io/selection.h"
+#include "env_service/traversal/goal_place.h"
 
 namespace citylearn {
 namespace {

@@ -9,7 +9,7 @@
 #include "policy_service/learning/trainer.h"
 #include "policy_service/learning/trainer_parameters.h"
 #include "policy_service/network/agent_network.h"
-#include "policy_service/network/product.h"
+#include "policy_service/network/layers/product.h"
 #include "policy_service/records/configuration.h"
 #include "policy_service/results/comparison.h"
 #include "policy_service/rollout/control.h"

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/run/evaluation.h"

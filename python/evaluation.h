@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "policy_service/network/trained_agent.h"
+#include "policy_service/network/checkpoint/trained_agent.h"
 #include "policy_service/results/score.h"
 #include "policy_service/rollout/policy.h"
 #include "python/env_group.h"

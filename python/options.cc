@@ -14,8 +14,8 @@
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/pipeline/learned_files.h"
-#include "env_service/dataset_io/goal_place.h"
 #include "env_service/dataset_io/selection.h"
+#include "env_service/traversal/goal_place.h"
 #include "python/errors.h"
 #include "tools/lab/descriptors.h"
 

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "core/wire/node_options.h"
-#include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
-#include "policy_service/network/training_data.h"
+#include "env_service/traversal/traversal.h"
+#include "policy_service/network/checkpoint/training_data.h"
 
 namespace citylearn::python {
 

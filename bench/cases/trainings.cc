@@ -5,7 +5,7 @@
 #include "bench/cases/cases.h"
 #include "core/util/processors.h"
 #include "env_service/dataset_io/dataset.h"
-#include "policy_service/network/product.h"
+#include "policy_service/network/layers/product.h"
 #include "tools/lab/training.h"
 
 namespace citylearn::bench {

@@ -70,7 +70,7 @@ extern "C" void on_abort(int) {
 void install_handlers() {
   struct sigaction action {};
   action.sa_handler = on_stop_signal;
-  action.sa_flags = SA_ONSTACK;  // threads that multiply matrices need it: policy_service/network/product.cc
+  action.sa_flags = SA_ONSTACK;  // threads that multiply matrices need it: policy_service/network/layers/product.cc
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);

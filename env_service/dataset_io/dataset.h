@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/plugin/registry.h"
-#include "env_service/dataset_io/traversal.h"
+#include "env_service/traversal/traversal.h"
 
 namespace citylearn {
 

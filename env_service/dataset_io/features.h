@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "env_service/dataset_io/traversal.h"
+#include "env_service/traversal/traversal.h"
 
 namespace citylearn {
 

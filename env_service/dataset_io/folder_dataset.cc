@@ -11,14 +11,14 @@
 
 #include "core/files/files.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/places.h"
-#include "env_service/dataset_io/street_coverage.h"
-#include "env_service/dataset_io/street_views.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/files/times.h"
 #include "env_service/geometry/geometry.h"
 #include "env_service/images/image_sources.h"
+#include "env_service/traversal/places.h"
+#include "env_service/traversal/street_coverage.h"
+#include "env_service/traversal/street_views.h"
 
 namespace citylearn {
 

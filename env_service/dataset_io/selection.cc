@@ -11,10 +11,10 @@
 
 #include "core/util/text.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/alignment.h"
-#include "env_service/dataset_io/sight.h"
-#include "env_service/dataset_io/street_views.h"
 #include "env_service/images/image_sources.h"
+#include "env_service/traversal/alignment.h"
+#include "env_service/traversal/sight.h"
+#include "env_service/traversal/street_views.h"
 
 namespace citylearn {
 namespace {

@@ -8,11 +8,11 @@
 
 #include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/places.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/files/times.h"
 #include "env_service/geometry/geometry.h"
+#include "env_service/traversal/places.h"
 
 namespace citylearn {
 namespace {

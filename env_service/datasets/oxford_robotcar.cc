@@ -9,11 +9,11 @@
 #include <set>
 
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/places.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
 #include "env_service/images/image_sources.h"
+#include "env_service/traversal/places.h"
 
 namespace citylearn {
 namespace {

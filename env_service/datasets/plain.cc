@@ -15,10 +15,10 @@
 #include "env_service/dataset_io/features.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/photographs.h"
-#include "env_service/dataset_io/poses.h"
-#include "env_service/dataset_io/street_views.h"
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/files.h"
+#include "env_service/traversal/poses.h"
+#include "env_service/traversal/street_views.h"
 
 namespace citylearn {
 namespace {

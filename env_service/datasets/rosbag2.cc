@@ -14,11 +14,11 @@
 #include "core/util/sha256.h"
 #include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/poses.h"
 #include "env_service/files/files.h"
 #include "env_service/geometry/geometry.h"
 #include "env_service/ros2/bag.h"
 #include "env_service/ros2/sensor_messages.h"
+#include "env_service/traversal/poses.h"
 
 namespace citylearn {
 namespace {

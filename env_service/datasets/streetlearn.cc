@@ -8,11 +8,11 @@
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/street_views.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/images/panorama.h"
+#include "env_service/traversal/street_views.h"
 
 namespace citylearn {
 namespace {

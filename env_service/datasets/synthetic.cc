@@ -8,8 +8,8 @@
 #include "core/util/random.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/dataset_io/street_views.h"
 #include "env_service/drawn_city/drawn_images.h"
+#include "env_service/traversal/street_views.h"
 
 // The same bits on every machine: whole-number random lanes, + - * / and square roots, which IEEE 754 rounds in one
 // way, and no fused multiply-add (this file is compiled with -ffp-contract=off). Nothing of libm but sqrt.

@@ -11,12 +11,12 @@
 #include <vector>
 
 #include "core/util/types.h"
-#include "env_service/dataset_io/traversal.h"
 #include "env_service/live/live_images.h"
 #include "env_service/live/position_topic.h"
 #include "env_service/live/robot_options.h"
 #include "env_service/live/robot_senses.h"
 #include "env_service/live/sighting.h"
+#include "env_service/traversal/traversal.h"
 
 namespace citylearn {
 

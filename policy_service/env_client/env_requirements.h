@@ -7,7 +7,7 @@
 #include <string>
 
 #include "core/wire/messages.h"
-#include "policy_service/network/training_data.h"
+#include "policy_service/network/checkpoint/training_data.h"
 
 namespace citylearn {
 

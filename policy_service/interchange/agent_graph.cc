@@ -2,7 +2,7 @@
 #include "policy_service/interchange/agent_graph.h"
 
 #include "policy_service/network/feature_normaliser.h"
-#include "policy_service/network/layers.h"
+#include "policy_service/network/layers/layers.h"
 
 namespace citylearn {
 

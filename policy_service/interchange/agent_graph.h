@@ -5,7 +5,7 @@
 
 #include "core/plugin/registry.h"
 #include "policy_service/interchange/onnx_graph.h"
-#include "policy_service/network/trained_agent.h"
+#include "policy_service/network/checkpoint/trained_agent.h"
 
 namespace citylearn {
 

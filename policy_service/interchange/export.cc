@@ -10,7 +10,7 @@
 #include "core/util/sha256.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/safetensors.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 
 namespace citylearn {
 

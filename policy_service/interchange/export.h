@@ -4,7 +4,7 @@
 #include <map>
 #include <string>
 
-#include "policy_service/network/trained_agent.h"
+#include "policy_service/network/checkpoint/trained_agent.h"
 
 namespace citylearn {
 

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "core/files/safetensors.h"
-#include "policy_service/network/trained_agent.h"
+#include "policy_service/network/checkpoint/trained_agent.h"
 
 namespace citylearn {
 

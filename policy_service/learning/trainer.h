@@ -13,7 +13,7 @@
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/training_progress.h"
 #include "policy_service/learning/update_sharing.h"
-#include "policy_service/network/trained_agent.h"
+#include "policy_service/network/checkpoint/trained_agent.h"
 #include "policy_service/rollout/collector.h"
 
 namespace citylearn {

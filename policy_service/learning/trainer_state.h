@@ -10,7 +10,7 @@
 
 #include "policy_service/learning/trainer.h"
 #include "policy_service/learning/trainer_parameters.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/rollout/collector.h"
 
 namespace citylearn {

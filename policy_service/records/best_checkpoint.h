@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 
 namespace citylearn {
 

@@ -11,7 +11,7 @@
 #include "core/files/files.h"
 #include "core/files/json.h"
 #include "core/util/wall_clock.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/records/episode_log.h"
 
 namespace citylearn {

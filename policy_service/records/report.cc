@@ -10,7 +10,7 @@
 #include "core/plugin/plugins.h"
 #include "core/util/text.h"
 #include "core/util/version.h"
-#include "policy_service/network/product.h"
+#include "policy_service/network/layers/product.h"
 #include "policy_service/records/output_folder.h"
 
 namespace citylearn {

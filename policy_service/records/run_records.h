@@ -10,7 +10,7 @@
 
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/interchange/event_log.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/records/best_checkpoint.h"
 #include "policy_service/records/episode_log.h"
 #include "policy_service/records/metrics_log.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <utility>
 
-#include "policy_service/network/street_votes.h"
+#include "policy_service/network/belief/street_votes.h"
 #include "policy_service/rollout/control.h"
 
 namespace citylearn {

@@ -8,8 +8,8 @@
 
 #include "core/util/random.h"
 #include "policy_service/network/agent_network.h"
+#include "policy_service/network/checkpoint/trained_agent.h"
 #include "policy_service/network/feature_normaliser.h"
-#include "policy_service/network/trained_agent.h"
 #include "policy_service/rollout/evaluated_tasks.h"
 #include "policy_service/rollout/policy.h"
 

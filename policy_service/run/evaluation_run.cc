@@ -7,7 +7,7 @@
 
 #include "core/exchange/timing.h"
 #include "policy_service/interchange/safetensors.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/results/pairing.h"
 #include "policy_service/run/evaluation.h"
 #include "policy_service/run/run_context.h"

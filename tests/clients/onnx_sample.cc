@@ -9,7 +9,7 @@
 #include "core/util/random.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/interchange/export.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/task_waves.h"
 #include "tests/support/env/env.h"

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "core/util/error.h"
-#include "policy_service/network/layers.h"
+#include "policy_service/network/layers/layers.h"
 #include "tests/support/networks/carried_state.h"
 #include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"

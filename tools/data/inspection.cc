@@ -14,13 +14,13 @@
 
 #include "core/files/image_header.h"
 #include "core/util/text.h"
-#include "env_service/dataset_io/alignment.h"
-#include "env_service/dataset_io/sight.h"
-#include "env_service/dataset_io/street_views.h"
 #include "env_service/files/files.h"
 #include "env_service/geometry/plane.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/streets/street_graph.h"
+#include "env_service/traversal/alignment.h"
+#include "env_service/traversal/sight.h"
+#include "env_service/traversal/street_views.h"
 
 namespace citylearn {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "core/command_line/progress.h"
 #include "encoder_service/encoding/encoder.h"
-#include "env_service/dataset_io/traversal.h"
+#include "env_service/traversal/traversal.h"
 
 namespace citylearn {
 class FeatureStore;

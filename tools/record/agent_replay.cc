@@ -15,7 +15,7 @@
 #include "core/util/error.h"
 #include "env_service/dataset_io/selection.h"
 #include "env_service/ros2/bag.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/run/evaluation.h"
 #include "python/options.h"

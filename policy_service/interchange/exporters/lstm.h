@@ -2,12 +2,12 @@
 #pragma once
 
 #include "policy_service/interchange/agent_graph.h"
-#include "policy_service/network/layers.h"
+#include "policy_service/network/layers/layers.h"
 
 namespace citylearn {
 
-/// Adds the layers after the linear layer's sums (batch x hidden), as network/lstm.h: nonlinearity, previous action and
-/// mask, LSTM, heads. Uses primitive operators, as readers of ONNX's own LSTM differ in what they support.
+/// Adds the layers after the linear layer's sums (batch x hidden), as network/layers/lstm.h: nonlinearity, previous
+/// action and mask, LSTM, heads. Uses primitive operators, as readers of ONNX's own LSTM differ in what they support.
 inline void export_lstm(AgentGraph& graph, const Parameters& parameters, const OnnxValue& embedded) {
   const int cells = parameters.integer("cells");
   std::vector<OnnxValue> inputs = {parameters.flag("relu") ? relu(embedded) : tanh(embedded), graph.previous_action()};

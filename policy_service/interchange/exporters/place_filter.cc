@@ -6,9 +6,9 @@
 #include <limits>
 
 #include "policy_service/interchange/agent_graph.h"
+#include "policy_service/network/belief/motion.h"
 #include "policy_service/network/feature_normaliser.h"
-#include "policy_service/network/layers.h"
-#include "policy_service/network/motion.h"
+#include "policy_service/network/layers/layers.h"
 
 namespace citylearn {
 namespace {

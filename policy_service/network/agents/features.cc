@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/network/lstm.h"
+#include "policy_service/network/layers/lstm.h"
 
 namespace citylearn {
 namespace {

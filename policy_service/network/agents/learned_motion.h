@@ -6,8 +6,8 @@
 
 #include "core/plugin/registry.h"
 #include "core/task/state_map.h"
-#include "policy_service/network/layers.h"
-#include "policy_service/network/motion.h"
+#include "policy_service/network/belief/motion.h"
+#include "policy_service/network/layers/layers.h"
 
 namespace citylearn::place_filter {
 

@@ -8,10 +8,10 @@
 
 #include "policy_service/network/agents/sparse_pass.h"
 #include "policy_service/network/agents/street_filter.h"
-#include "policy_service/network/layers.h"
-#include "policy_service/network/motion.h"
-#include "policy_service/network/place_keys.h"
-#include "policy_service/network/product.h"
+#include "policy_service/network/belief/motion.h"
+#include "policy_service/network/belief/place_keys.h"
+#include "policy_service/network/layers/layers.h"
+#include "policy_service/network/layers/product.h"
 
 namespace citylearn {
 namespace {

@@ -10,7 +10,7 @@
 #include "core/plugin/registry.h"
 #include "core/task/action.h"
 #include "policy_service/network/agents/learned_motion.h"
-#include "policy_service/network/layers.h"
+#include "policy_service/network/layers/layers.h"
 
 namespace citylearn {
 

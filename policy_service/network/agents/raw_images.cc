@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/network/convolution.h"
-#include "policy_service/network/lstm.h"
-#include "policy_service/network/product.h"
+#include "policy_service/network/layers/convolution.h"
+#include "policy_service/network/layers/lstm.h"
+#include "policy_service/network/layers/product.h"
 
 namespace citylearn {
 namespace {

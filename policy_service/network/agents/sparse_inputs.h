@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "policy_service/network/agents/place_filter.h"
-#include "policy_service/network/sparse_filter.h"
+#include "policy_service/network/belief/sparse_filter.h"
 
 namespace citylearn::place_filter {
 

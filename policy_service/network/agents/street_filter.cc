@@ -9,8 +9,8 @@
 
 #include "policy_service/network/agents/place_filter.h"
 #include "policy_service/network/autodiff/autodiff_network.h"
-#include "policy_service/network/sparse_filter.h"
-#include "policy_service/network/street_votes.h"
+#include "policy_service/network/belief/sparse_filter.h"
+#include "policy_service/network/belief/street_votes.h"
 
 namespace citylearn {
 namespace {

@@ -9,7 +9,7 @@
 #include "policy_service/network/autodiff/functions.h"
 #include "policy_service/network/autodiff/operations.h"
 #include "policy_service/network/autodiff/shapes.h"
-#include "policy_service/network/layers.h"
+#include "policy_service/network/layers/layers.h"
 
 namespace citylearn {
 

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/wire/node.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "tests/support/processes/learning.h"
 #include "tests/support/text.h"
 

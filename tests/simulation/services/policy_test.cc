@@ -7,7 +7,7 @@
 #include <regex>
 #include <set>
 
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/episodes_csv.h"
 #include "tests/support/records/recorder.h"

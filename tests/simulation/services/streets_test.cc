@@ -9,7 +9,7 @@
 
 #include "core/exchange/object.h"
 #include "policy_service/env_client/env_client.h"
-#include "policy_service/network/street_votes.h"
+#include "policy_service/network/belief/street_votes.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
 #include "tests/support/env/streets_traversal.h"

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "env_service/dataset_io/traversal.h"
+#include "env_service/traversal/traversal.h"
 #include "tests/simulation/machine/process.h"
 #include "tests/simulation/training/layout.h"
 

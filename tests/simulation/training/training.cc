@@ -19,7 +19,7 @@
 #include "core/wire/messages.h"
 #include "dashboard/store/database.h"
 #include "policy_service/distributed/parameter_fetch.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "tests/simulation/training/invariants.h"
 #include "tests/simulation/training/services.h"
 

@@ -7,7 +7,7 @@
 
 #include "core/util/random.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/traversal.h"
+#include "env_service/traversal/traversal.h"
 #include "tests/support/streets.h"
 
 namespace citylearn::testing {

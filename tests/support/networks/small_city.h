@@ -9,7 +9,7 @@
 
 #include "env_service/environment.h"
 #include "policy_service/learning/trainer.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "tests/support/files.h"
 
 namespace citylearn {

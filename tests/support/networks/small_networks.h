@@ -6,7 +6,7 @@
 
 #include "core/util/random.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/traversal.h"
+#include "env_service/traversal/traversal.h"
 #include "policy_service/network/agent_network.h"
 #include "tests/support/networks/small_city.h"
 

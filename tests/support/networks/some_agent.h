@@ -6,7 +6,7 @@
 
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/trainer.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 
 namespace citylearn::testing {
 

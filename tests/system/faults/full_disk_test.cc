@@ -3,7 +3,7 @@
 // is room again.
 #include <gtest/gtest.h>
 
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "tests/support/processes/private_machine.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/ledger.h"

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "core/files/files.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "tests/paths.h"
 #include "tests/support/networks/small_city.h"
 #include "tests/support/processes/service.h"

@@ -14,7 +14,7 @@
 #include "core/files/files.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/export.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/network/feature_normaliser.h"
 #include "tests/support/files.h"
 #include "tests/support/networks/some_agent.h"

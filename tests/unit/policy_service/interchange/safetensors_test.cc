@@ -10,7 +10,7 @@
 
 #include "core/files/files.h"
 #include "policy_service/interchange/export.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "tests/paths.h"
 #include "tests/support/networks/some_agent.h"
 #include "tests/support/processes/service.h"

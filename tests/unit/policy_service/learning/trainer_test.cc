@@ -11,7 +11,7 @@
 
 #include "core/util/error.h"
 #include "policy_service/learning/optimization/adam.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "tests/support/env/env.h"
 #include "tests/support/networks/small_networks.h"

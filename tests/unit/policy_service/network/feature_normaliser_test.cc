@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "policy_service/network/place_keys.h"
+#include "policy_service/network/belief/place_keys.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 #include "tests/support/networks/some_agent.h"

@@ -9,7 +9,7 @@
 #include "core/wire/messages.h"
 #include "policy_service/learning/optimization/ppo_loss.h"
 #include "policy_service/network/agent_network.h"
-#include "policy_service/network/layers.h"
+#include "policy_service/network/layers/layers.h"
 #include "policy_service/rollout/rollout.h"
 #include "tests/support/networks/small_networks.h"
 #include "tests/support/streets.h"

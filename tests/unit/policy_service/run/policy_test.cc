@@ -11,7 +11,7 @@
 #include "core/util/error.h"
 #include "core/util/random.h"
 #include "policy_service/distributed/heartbeat_thread.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/checkpoint/checkpoint.h"
 #include "policy_service/records/episode_log.h"
 #include "policy_service/records/metrics_log.h"
 #include "policy_service/records/run_announcer.h"
