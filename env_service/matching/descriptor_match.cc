@@ -2,6 +2,7 @@
 #include "env_service/matching/descriptor_match.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <utility>
 
@@ -18,13 +19,27 @@ constexpr int kMaxSideways = 2;       // columns of a picture by which two camer
 constexpr int kSidewaysFrames = 256;  // that tell by how many
 constexpr int kRefinements = 3;       // of the threshold
 // Of a threshold: its place between the mean similarity of the best path through a recording that was driven the other
-// way and that of the path found. Chosen with Nordland's summer and fall and the two days of Gardens Point.
-constexpr float kThreshold = 0.35F;
-constexpr float kClear = 3;  // times the score of that best path
+// way and that of the path found. Chosen, as kSceneChange and PathOptions::gap, with summer and fall of Nordland and of
+// drawn cities, as they are and with noise.
+constexpr float kThreshold = 0.25F;
+constexpr float kSceneChange = 25;  // sum of the changes between frames, in root mean squares, over which a scene lasts
+constexpr float kClear = 3;         // times the score of that best path
 
-/// Returns the columns without what all have in common, as the light, at unit length; zeros where nothing is left.
+/// Returns the columns without what those of a scene have in common, as the light or snow, at unit length; zeros where
+/// nothing is left. A frame counts by how much it differs from the one before, so a stop does not become the scene.
 Matrix directions(const Matrix& columns) {
-  Matrix result = columns.colwise() - columns.rowwise().mean().eval();
+  const Matrix centred = columns.colwise() - columns.rowwise().mean().eval();
+  const auto frames = centred.cols();
+  const float change_of_scene = kSceneChange * centred.norm() / std::sqrt(static_cast<float>(frames)) + 1e-9F;
+  Matrix result = centred;
+  for (const Eigen::Index step : {1, -1}) {  // what came before is half of the scene, what follows the other half
+    Vector scene = Vector::Zero(centred.rows());
+    for (Eigen::Index i = 1, frame = step > 0 ? 1 : frames - 2; i < frames; ++i, frame += step) {
+      const float change = (centred.col(frame) - centred.col(frame - step)).norm();
+      scene += std::min(1.F, change / change_of_scene) * (centred.col(frame) - scene);
+      result.col(frame) -= 0.5F * scene;
+    }
+  }
   const Vector lengths = result.colwise().norm().transpose().cwiseMax(1e-9F);
   return result * lengths.cwiseInverse().asDiagonal();
 }

@@ -18,7 +18,7 @@ using RowScores = std::function<void(int row, int begin, int end, float* to)>;
 
 struct PathOptions {
   float threshold = 0;  ///< similarity that a pair has at least to be worth a place on the path
-  float gap = 10;       ///< what ending the path and going on elsewhere costs
+  float gap = 20;       ///< what ending the path and going on elsewhere costs
   float turn = 0.5F;    ///< what a step along one recording alone costs
 };
 

@@ -110,6 +110,28 @@ TEST(AlignBySight, LooksAtThePartAskedFor) {
       << alignment.summary;
 }
 
+// As snow or lamps do: each 100 frames have a look of their own that is stronger than what tells places apart.
+TEST(AlignBySight, SeesPlacesThroughTheLookOfAScene) {
+  std::vector<int> places = from_to(0, 250);
+  places.insert(places.end(), 300, 250);  // a stop that is longer than a scene
+  for (int i = 251; i < 400; ++i) places.push_back(i);
+  const Traversal summer = drive("summer", from_to(0, 400));
+  Traversal winter = drive("winter", places);
+  std::vector<int> scenes;
+  for (const int place : places) scenes.push_back(kElsewhere + place / 100);
+  const Traversal look = drive("look", scenes),
+                  noise = drive("noise", from_to(2 * kElsewhere, 2 * kElsewhere + winter.frames));
+  for (std::size_t i = 0; i < winter.features.size(); ++i)
+    winter.features[i] += 2 * look.features[i] + 0.1F * noise.features[i];
+  const SightAlignment alignment = align_by_sight(summer, from_to(0, 400), winter);
+  EXPECT_EQ(std::count(alignment.unmatched.begin(), alignment.unmatched.end(), true), 0) << alignment.summary;
+  EXPECT_TRUE(alignment.summary.starts_with("winter: 699 of 699 frames show places of summer")) << alignment.summary;
+  for (int place = 0; place < 400; ++place) {
+    const int shown = places[static_cast<std::size_t>(alignment.found[static_cast<std::size_t>(place)])];
+    EXPECT_LE(std::abs(shown - place), 1) << place;
+  }
+}
+
 TEST(AlignBySight, GoesFromCoarseToFineInLongRecordings) {
   std::vector<int> places = from_to(500, 2500, 2);
   for (int i = 2500; i < 3500; ++i) places.insert(places.end(), 2, i);
