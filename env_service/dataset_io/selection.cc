@@ -20,6 +20,7 @@ namespace citylearn {
 namespace {
 
 constexpr double kMinMetres = 0.05;  ///< apart
+constexpr double kMove = 0.075;      ///< of a picture's width, to the right where the camera was further left
 
 void check(const Selection& selection) {
   if (selection.first < 0 || selection.end <= selection.first) throw Error("no frame in it", "--frames");
@@ -170,14 +171,36 @@ std::vector<std::string> joined_by(Dataset& dataset, const std::string& option, 
   return names;
 }
 
+/// Returns the recording of which `name` is NAME-left or NAME-right, what its camera would have seen further left or
+/// right; none where the dataset has one called so.
+std::optional<std::string> moved_from(Dataset& dataset, const std::string& name) {
+  const std::size_t end = name.rfind('-');
+  if (!name.ends_with("-left") && !name.ends_with("-right")) return std::nullopt;
+  const std::vector<std::string> known = dataset.names();
+  const auto knows = [&](const std::string& one) { return std::find(known.begin(), known.end(), one) != known.end(); };
+  return knows(name) || !knows(name.substr(0, end)) ? std::nullopt : std::optional(name.substr(0, end));
+}
+
+/// Loads a recording of the dataset, or what is moved_from() one.
+Traversal load(Dataset& dataset, const std::string& name) {
+  const std::optional<std::string> whole = moved_from(dataset, name);
+  Traversal traversal = dataset.load(whole.value_or(name));
+  if (!whole) return traversal;
+  if (!traversal.images)
+    throw Error("has no pictures to move", "traversal '" + *whole + "'", "leave -left and -right out");
+  traversal.name = name;
+  traversal.images = moved(traversal.images, name.ends_with("-left") ? kMove : -kMove);
+  return traversal;
+}
+
 /// Returns the frames of one recording that are selected. `sibling` becomes those of the one that it is aligned to, at
 /// the same places, where streets will be made of them.
 Traversal recorded(Dataset& dataset, const std::string& name, const Selection& selection,
                    std::optional<Traversal>& sibling) {
-  Traversal traversal = dataset.load(name);
+  Traversal traversal = load(dataset, name);
   std::vector<bool> unmatched;
   std::vector<int> frames, places;  // places: the frames of the sibling
-  if (selection.align.empty()) {
+  if (selection.align.empty() || moved_from(dataset, name) == selection.align) {
     frames = cut(traversal, selection);
   } else {
     sibling = dataset.load(selection.align);

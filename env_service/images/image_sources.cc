@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <list>
 #include <map>
@@ -313,6 +314,15 @@ std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::s
 std::shared_ptr<Images> changed(std::shared_ptr<Images> images, const std::string& recipe,
                                 std::function<cv::Mat(const cv::Mat&)> change) {
   return std::make_shared<Changed>(std::move(images), recipe, std::move(change));
+}
+
+std::shared_ptr<Images> moved(std::shared_ptr<Images> images, double share) {
+  return changed(std::move(images), "moved by " + std::to_string(share), [share](const cv::Mat& picture) {
+    const cv::Matx23d way(1, 0, std::round(share * picture.cols), 0, 1, 0);
+    cv::Mat result;
+    cv::warpAffine(picture, result, way, picture.size(), cv::INTER_NEAREST, cv::BORDER_REPLICATE);
+    return result;
+  });
 }
 
 std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which) {

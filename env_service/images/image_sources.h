@@ -32,6 +32,9 @@ std::shared_ptr<Images> video_frames(const std::string& path, const std::string&
 std::shared_ptr<Images> changed(std::shared_ptr<Images> images, const std::string& recipe,
                                 std::function<cv::Mat(const cv::Mat&)> change);
 
+/// Returns `images`, each moved to the right by `share` of its width; its edge repeats where nothing is left.
+std::shared_ptr<Images> moved(std::shared_ptr<Images> images, double share);
+
 /// Returns the frames `which` of `images`, in that order; indices may repeat.
 std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which);
 

@@ -236,9 +236,10 @@ class Recipes(CommandLine):
         self.assertRegex(self.run_command(*by_sight, *short), r"'winter' 60: frames that look alike are taken for one place")
 
     def test_a_training_ends_in_time_and_seeds_are_compared(self):
-        stopped, limited, experiences, seeds, other, table = self.take(
+        stopped, limited, experiences, moved, seeds, other, table = self.take(
             "train-on-your-recordings", "./run demo --stop-when", "./run demo --time-limit", "./run demo --train summer,fall",
-            "./run demo --agent place_filter --seeds", "./run demo --agent place_filter --learner", "./run policy --mode table")
+            "./run demo --train summer,summer-left", "./run demo --agent place_filter --seeds",
+            "./run demo --agent place_filter --learner", "./run policy --mode table")
         drawn = ["--no-dashboard", "--frames", "0:64", "--tasks", "50"]
         steps = re.search(r"trained \d+ episodes, (\d+) steps", self.run_command(*stopped, *drawn, "--evaluate", "summer"))
         self.assertLess(int(steps[1]), 40000)
@@ -247,6 +248,7 @@ class Recipes(CommandLine):
         self.run_command(*limited, *drawn, "--evaluate", "summer", "--steps", "100000000")
         self.assertLess(time.monotonic() - begun, PATIENCE / 2)
         self.assertIn("in winter", self.run_command(*experiences, *drawn))
+        self.assertIn("finds its way in shifted", self.run_command(*moved, *drawn, "--evaluate", "shifted"))
         for words in (seeds, other):
             words[words.index("1..5")] = "1..2"
             self.learn(words, "--no-dashboard", "--evaluate", "summer")

@@ -91,6 +91,23 @@ TEST_F(Select, NothingLeavesEverything) {
   EXPECT_THROW(select(fake, "b", {}), Error);
 }
 
+TEST_F(Select, WhatACameraFurtherLeftOrRightWouldHaveSeen) {
+  Traversal& a = fake.add("a", 10, 2);
+  EXPECT_EQ(refusal("a-left", {}), "traversal 'a': has no pictures to move (leave -left and -right out)");
+  a.images = std::make_shared<FewImages>(10, std::vector<int>{});
+  EXPECT_TRUE(contains(refusal("b-left", {}), "no traversal 'b-left'"));
+  fake.pairs = {{0, 0}, {2, 2}};  // by which it is not aligned to where it comes from
+  const Traversal whole = select(fake, "a", {});
+  const Traversal left = select(fake, "a-left", {.end = 4, .align = "a"}), right = select(fake, "a-right", {});
+  EXPECT_EQ(left.name, "a-left");
+  EXPECT_EQ(shown(left), (std::vector<int>{0, 1, 2, 3}));
+  EXPECT_EQ(right.positions, a.positions);
+  EXPECT_NE(left.images->fingerprint(0), whole.images->fingerprint(0));
+  EXPECT_NE(left.images->fingerprint(0), right.images->fingerprint(0));
+  fake.add("a-left", 5, 2);
+  EXPECT_EQ(select(fake, "a-left", {}).frames, 5) << "a recording that is called so";
+}
+
 TEST_F(Select, FramesAndSteps) {
   Traversal& a = fake.add("a", 10, 2);
   a.latitude = a.longitude = a.times;

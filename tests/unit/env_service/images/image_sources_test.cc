@@ -166,6 +166,26 @@ TEST(Changed, PicturesAndFingerprints) {
   EXPECT_TRUE(error_of([&] { broken->read(0, bytes); }).starts_with("a.png (crop): "));
 }
 
+TEST(Moved, ByAShareOfTheWidth) {
+  const Folder folder;
+  write_grey(folder / "a.png", 1);
+  const auto ramp = changed(image_files({folder / "a.png"}, folder.path()), "ramp", [](const cv::Mat&) {
+    cv::Mat picture(1, 40, CV_8UC1);
+    for (int x = 0; x < 40; ++x) picture.at<unsigned char>(0, x) = static_cast<unsigned char>(5 * x);
+    return picture;
+  });
+  for (const double share : {0.075, -0.075}) {  // three pixels of 40
+    const auto images = moved(ramp, share);
+    EXPECT_NE(images->fingerprint(0), ramp->fingerprint(0));
+    Bytes bytes;
+    images->read(0, bytes);
+    const cv::Mat picture = decode_image(bytes, "");
+    ASSERT_EQ(picture.size(), cv::Size(40, 1));
+    for (int x = 0; x < 40; ++x)
+      EXPECT_EQ(picture.at<cv::Vec3b>(0, x)[0], 5 * (share > 0 ? std::max(0, x - 3) : std::min(39, x + 3))) << x;
+  }
+}
+
 TEST(Picked, FramesInTheirOrder) {
   const Folder folder;
   for (int i = 0; i < 3; ++i) write_grey(folder / (std::to_string(i) + ".png"), 10 * i);
