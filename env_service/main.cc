@@ -69,7 +69,8 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->configurable(false);
   app.add_flag("--show", line.show,
                "Print dataset, announced name, frames, images and features of the traversal, whether on streets, and "
-               "how the dataset matches traversals (index or otherwise), a line each, then exit")
+               "how the dataset matches traversals (index or otherwise), a line each, then exit; with "
+               "--list-traversals of each that can be loaded, under a line 'recording NAME'")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
@@ -102,6 +103,35 @@ void make_live(Traversal& taught, CommandLine& line) {
   line.service.live = LiveOptions{line.robot, images};
 }
 
+/// Returns the traversal called `name` as it is served.
+Traversal load(Dataset& dataset, const std::string& name, const CommandLine& line) {
+  Traversal recorded = select(dataset, name, line.source.selection);
+  recorded = with_goals(with_goal(std::move(recorded), line.source.goal), line.service.goals);
+  Traversal traversal = imperfect(std::move(recorded), line.service.imperfections);
+  traversal.name = name_from(traversal.name);  // folders and files may be called anything
+  return traversal;
+}
+
+/// Prints what --show says of a traversal.
+void show(const Dataset& dataset, const Traversal& traversal) {
+  std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
+            << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension
+            << (traversal.streets ? "\nstreets yes" : "") << "\nmatched by "
+            << (dataset.correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
+}
+
+/// Prints the names of all traversals; with --show also what it says, of those that can be loaded.
+void list_traversals(Dataset& dataset, const CommandLine& line) {
+  for (const std::string& name : dataset.names()) {
+    std::cout << (line.show ? "recording " : "") << one_line(name) << "\n";
+    if (!line.show) continue;
+    try {
+      show(dataset, load(dataset, name, line));
+    } catch (const Error&) {  // --show with its name alone says why
+    }
+  }
+}
+
 int serve(CommandLine& line) {
   if (line.list) {
     list();
@@ -109,18 +139,12 @@ int serve(CommandLine& line) {
   }
   const std::unique_ptr<Dataset> dataset = open_dataset(line.source);
   if (line.list_traversals) {
-    for (const std::string& name : dataset->names()) std::cout << one_line(name) << "\n";
+    list_traversals(*dataset, line);
     return 0;
   }
-  Traversal recorded = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
-  recorded = with_goals(with_goal(std::move(recorded), line.source.goal), line.service.goals);
-  Traversal traversal = imperfect(std::move(recorded), line.service.imperfections);
-  traversal.name = name_from(traversal.name);  // folders and files may be called anything
+  Traversal traversal = load(*dataset, chosen_traversal(*dataset, line.source), line);
   if (line.show) {
-    std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
-              << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension
-              << (traversal.streets ? "\nstreets yes" : "") << "\nmatched by "
-              << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
+    show(*dataset, traversal);
     return 0;
   }
   if (traversal.dataset == kLive) {

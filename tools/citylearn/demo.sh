@@ -390,6 +390,16 @@ demo() {
   names_of() {
     tr ',' '\n' <<<"$1" | while IFS= read -r name; do [ -z "$name" ] || printf '%s\n' "${called[$name]:-$name}"; done | paste -sd ,
   }
+  if [ -z "$evaluate" ] && [ ${#aligning[@]} -eq 0 ]; then   # one start shows all, of which each takes .15 s
+    local text words
+    while IFS= read -r text; do
+      if [[ $text == 'recording '* ]]; then
+        words=(--traversal "${text#recording }" "${part[@]}")
+      else
+        looked[${words[*]}]+=$text$'\n'
+      fi
+    done < <("$env" "${source[@]}" "${part[@]}" "${world[@]}" --list-traversals --show 2>/dev/null)
+  fi
   local kind length pairs streets; look_at "$route" || exit 1
   [ "$streets" != yes ] || [ -n "$frames" ] || { frames=0:$length count=$length; }   # they are walked as a whole
   local images=$kind whole=$length shortest=$length name
