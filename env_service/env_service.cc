@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <limits>
 #include <string>
 #include <utility>
 
@@ -27,7 +26,6 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr std::uint64_t kEpisodesAtOnce = 32;  // before other messages get their turn
-constexpr int kActionsAtOnce = 16;             // likewise
 constexpr char kNotInCharge[] = "an action of a service that is not in charge";
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
@@ -57,7 +55,6 @@ class EnvService {
 
  private:
   void take_messages();
-  void take_actions(int most);
   void on_settings(const msg::TaskSettings& settings);
   bool accepts(const msg::TaskSettings& settings);
   void watch_policy(const std::string& id);
@@ -158,7 +155,8 @@ void EnvService::run(const std::function<bool()>& stop) {
   // The policy_service waits for the observation that its action leads to. A robot takes longer than waking a thread.
   if (!live_)
     node_.answer_at_once([this] {
-      take_actions(kActionsAtOnce);
+      now_ = Clock::now();
+      while (node_.take(action_)) on_action(action_);
       return next_due() <= now_;
     });
   while (!stop()) {
@@ -167,17 +165,12 @@ void EnvService::run(const std::function<bool()>& stop) {
     do_due_work();
     node_.wait(server_.send_objects() ? now_ : std::min(next_due(), now_ + kStopCheckInterval));
   }
-  node_.answer_at_once(nullptr);
   leave();
 }
 
-void EnvService::take_actions(int most) {
-  now_ = Clock::now();
-  for (int count = 0; count < most && node_.take(action_); ++count) on_action(action_);
-}
-
 void EnvService::take_messages() {
-  take_actions(std::numeric_limits<int>::max());
+  now_ = Clock::now();
+  while (node_.take(action_)) on_action(action_);
   while (node_.take(taken_settings_)) on_settings(taken_settings_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   if (server_.take_requests()) send_info();  // what is needed to read the objects

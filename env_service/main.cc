@@ -70,7 +70,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--show", line.show,
                "Print dataset, announced name, frames, images and features of the traversal, whether on streets, and "
                "how the dataset matches traversals (index or otherwise), a line each, then exit; with "
-               "--list-traversals of each that can be loaded, under a line 'recording NAME'")
+               "--list-traversals of each, below a line 'recording NAME'")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
@@ -103,48 +103,35 @@ void make_live(Traversal& taught, CommandLine& line) {
   line.service.live = LiveOptions{line.robot, images};
 }
 
-/// Returns the traversal called `name` as it is served.
-Traversal load(Dataset& dataset, const std::string& name, const CommandLine& line) {
-  Traversal recorded = select(dataset, name, line.source.selection);
-  recorded = with_goals(with_goal(std::move(recorded), line.source.goal), line.service.goals);
-  Traversal traversal = imperfect(std::move(recorded), line.service.imperfections);
-  traversal.name = name_from(traversal.name);  // folders and files may be called anything
-  return traversal;
-}
-
-/// Prints what --show says of a traversal.
-void show(const Dataset& dataset, const Traversal& traversal) {
-  std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
-            << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension
-            << (traversal.streets ? "\nstreets yes" : "") << "\nmatched by "
-            << (dataset.correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
-}
-
-/// Prints the names of all traversals; with --show also what it says, of those that can be loaded.
-void list_traversals(Dataset& dataset, const CommandLine& line) {
-  for (const std::string& name : dataset.names()) {
-    std::cout << (line.show ? "recording " : "") << one_line(name) << "\n";
-    if (!line.show) continue;
-    try {
-      show(dataset, load(dataset, name, line));
-    } catch (const Error&) {  // --show with its name alone says why
-    }
-  }
-}
-
 int serve(CommandLine& line) {
   if (line.list) {
     list();
     return 0;
   }
   const std::unique_ptr<Dataset> dataset = open_dataset(line.source);
+  const auto load = [&](const std::string& name) {
+    Traversal recorded = select(*dataset, name, line.source.selection);
+    recorded = with_goals(with_goal(std::move(recorded), line.source.goal), line.service.goals);
+    Traversal traversal = imperfect(std::move(recorded), line.service.imperfections);
+    traversal.name = name_from(traversal.name);  // folders and files may be called anything
+    return traversal;
+  };
+  const auto show = [&](const Traversal& traversal) {
+    std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
+              << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension
+              << (traversal.streets ? "\nstreets yes" : "") << "\nmatched by "
+              << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
+  };
   if (line.list_traversals) {
-    list_traversals(*dataset, line);
+    for (const std::string& name : dataset->names()) {
+      std::cout << (line.show ? "recording " : "") << one_line(name) << "\n";
+      if (line.show) show(load(name));
+    }
     return 0;
   }
-  Traversal traversal = load(*dataset, chosen_traversal(*dataset, line.source), line);
+  Traversal traversal = load(chosen_traversal(*dataset, line.source));
   if (line.show) {
-    show(*dataset, traversal);
+    show(traversal);
     return 0;
   }
   if (traversal.dataset == kLive) {

@@ -82,14 +82,13 @@ void Wakeup::wake() {
   if (!lock || !asleep_) return;
   if (handler_ && !called_) {
     asleep_ = false;
-    bool wanted = true;
     try {
-      wanted = handler_();
+      called_ = handler_();
     } catch (...) {
       failure_ = std::current_exception();
     }
     asleep_ = true;  // first: what is raised from here on waits for the mutex
-    called_ = wanted || any_raised();
+    called_ = called_ || failure_ || any_raised();
     if (!called_) return;
   }
   lock.unlock();

@@ -14,7 +14,6 @@ namespace citylearn {
 namespace {
 
 constexpr std::size_t kMaxAlarms = 8;
-constexpr int kObservationsAtOnce = 16;  // then all other messages have their turn
 constexpr int kMaxInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
 
 Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
@@ -97,7 +96,7 @@ void EnvClient::receive_observations(bool wanted) {
 void EnvClient::answer_at_once() {
   node_.answer_at_once([this] {
     undecided_ = false;
-    for (int count = 0; count < kObservationsAtOnce && node_.take(observation_); ++count) on_observation(observation_);
+    while (node_.take(observation_)) on_observation(observation_);
     return undecided_;
   });
 }

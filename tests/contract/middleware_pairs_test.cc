@@ -118,8 +118,7 @@ TEST_P(Pairs, AHandlerAnswersWhileAnotherThreadWaits) {
   const auto answers = reading_->create_publisher(answer);
   ASSERT_TRUE(eventually_both([&] { return asked->matched() + answers->matched() + hears->matched() == 3; }));
   std::atomic<std::byte> wanted{kAnswer};
-  std::atomic<bool> ended = false;
-  std::atomic<int> left = 0, woken = 0, failed = 0;
+  std::atomic<int> left = 0, woken = 0, failed = 0, ended = 0;
   std::atomic<std::thread::id> handled_by;
   Bytes question;
   reading_->answer_at_once([&] {
@@ -160,7 +159,7 @@ TEST_P(Pairs, AHandlerAnswersWhileAnotherThreadWaits) {
   EXPECT_TRUE(ask_until(kLeave, [&] { return left > 0; }));
   EXPECT_TRUE(ask_until(kWake, [&] { return woken > 0; }));
   EXPECT_TRUE(ask_until(kFail, [&] { return failed > 0; }));
-  ended = true;
+  ended = 1;
   waiting.join();
 }
 
