@@ -41,7 +41,7 @@ class Wakeup {
   /// if that would have been enough the last time: waking up takes longer than an answer from the same machine.
   bool wait(Clock::time_point deadline);
   /// See Middleware::answer_at_once(). Used by the waiting thread.
-  void set_handler(std::function<bool()> handler) { handler_ = std::move(handler); }
+  void set_handler(const std::function<bool()>& handler) { handler_ = handler; }
 
  private:
   void wake();

@@ -23,7 +23,7 @@ class Node : public Messenger {
   /// and logs the middleware's faults.
   bool wait(Clock::time_point deadline);
   /// See Middleware::answer_at_once(). The handler may take and publish messages of types that have been created.
-  void answer_at_once(std::function<bool()> handler) { middleware_->answer_at_once(std::move(handler)); }
+  void answer_at_once(const std::function<bool()>& handler) { middleware_->answer_at_once(handler); }
   /// Publishes a heartbeat when it is due. Returns when the next one is.
   Clock::time_point publish_heartbeat_if_due();
   /// Sets what the next heartbeats say; `rate`: environment steps per second. A changed state is published at once.

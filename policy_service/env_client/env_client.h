@@ -39,8 +39,7 @@ class EnvClient {
   Joined joined;
   std::function<void()> fetching;  ///< called while fetch_features() waits; what it throws ends the wait
 
-  /// Lets the vendor's thread that receives an observation call decide() while spin() waits, which saves waking
-  /// another.
+  /// Lets the vendor's thread that receives an observation call decide() while spin() waits: see Node.
   void answer_at_once();
   /// Resends what is due, waits for messages until `deadline` at most (it may return earlier), and handles all that
   /// have come. An Error of decide() or joined() makes it refuse the env_service that they were called for.
