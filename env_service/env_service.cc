@@ -152,6 +152,13 @@ void EnvService::run(const std::function<bool()>& stop) {
                node_.options().id, node_.options().session, traversal_.name, traversal_.dataset, traversal_.frames,
                traversal_.images ? "of images" : "x " + std::to_string(traversal_.dimension) + " features",
                environment_.agents(), environment_.traversal_hash(), node_.middleware_name());
+  // The policy_service waits for the observation that its action leads to. A robot takes longer than waking a thread.
+  if (!live_)
+    node_.answer_at_once([this] {
+      now_ = Clock::now();
+      while (node_.take(action_)) on_action(action_);
+      return next_due() <= now_;
+    });
   while (!stop()) {
     take_messages();
     now_ = Clock::now();

@@ -69,7 +69,8 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->configurable(false);
   app.add_flag("--show", line.show,
                "Print dataset, announced name, frames, images and features of the traversal, whether on streets, and "
-               "how the dataset matches traversals (index or otherwise), a line each, then exit")
+               "how the dataset matches traversals (index or otherwise), a line each, then exit; with "
+               "--list-traversals of each, below a line 'recording NAME'")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
@@ -108,19 +109,29 @@ int serve(CommandLine& line) {
     return 0;
   }
   const std::unique_ptr<Dataset> dataset = open_dataset(line.source);
-  if (line.list_traversals) {
-    for (const std::string& name : dataset->names()) std::cout << one_line(name) << "\n";
-    return 0;
-  }
-  Traversal recorded = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
-  recorded = with_goals(with_goal(std::move(recorded), line.source.goal), line.service.goals);
-  Traversal traversal = imperfect(std::move(recorded), line.service.imperfections);
-  traversal.name = name_from(traversal.name);  // folders and files may be called anything
-  if (line.show) {
+  const auto load = [&](const std::string& name) {
+    Traversal recorded = select(*dataset, name, line.source.selection);
+    recorded = with_goals(with_goal(std::move(recorded), line.source.goal), line.service.goals);
+    Traversal traversal = imperfect(std::move(recorded), line.service.imperfections);
+    traversal.name = name_from(traversal.name);  // folders and files may be called anything
+    return traversal;
+  };
+  const auto show = [&](const Traversal& traversal) {
     std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
               << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension
               << (traversal.streets ? "\nstreets yes" : "") << "\nmatched by "
               << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
+  };
+  if (line.list_traversals) {
+    for (const std::string& name : dataset->names()) {
+      std::cout << (line.show ? "recording " : "") << one_line(name) << "\n";
+      if (line.show) show(load(name));
+    }
+    return 0;
+  }
+  Traversal traversal = load(chosen_traversal(*dataset, line.source));
+  if (line.show) {
+    show(traversal);
     return 0;
   }
   if (traversal.dataset == kLive) {

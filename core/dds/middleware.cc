@@ -75,10 +75,23 @@ bool Wakeup::any_raised() const {
 
 void Wakeup::wake() {
   // The flag was raised before asleep_ is read here, and wait() sets asleep_ before it reads the flags a last time: one
-  // of the two sees the other (all of these are sequentially consistent).
-  if (!asleep_) return;
-  // Empty on purpose: a waiting thread is now either before its last look at the flags, or asleep and to be woken.
-  { std::lock_guard lock(mutex_); }
+  // of the two sees the other (all of these are sequentially consistent). It is not waited for while a handler runs,
+  // which may need what this thread holds: the thread that runs it looks at the flags afterwards.
+  std::unique_lock lock(mutex_, std::defer_lock);
+  while (asleep_ && !lock.try_lock()) sched_yield();
+  if (!lock || !asleep_) return;
+  if (handler_ && !called_) {
+    asleep_ = false;
+    try {
+      called_ = handler_();
+    } catch (...) {
+      failure_ = std::current_exception();
+    }
+    asleep_ = true;  // first: what is raised from here on waits for the mutex
+    called_ = called_ || failure_ || any_raised();
+    if (!called_) return;
+  }
+  lock.unlock();
   condition_.notify_one();
 }
 
@@ -94,11 +107,12 @@ bool Wakeup::wait(Clock::time_point deadline) {
   if (any_raised()) return true;
   const Clock::time_point begin = Clock::now();
   const Clock::time_point patience = begin + kSpinTime;
-  if (look_first_ && look(std::min(deadline, patience))) return true;
+  if (!handler_ && look_first_ && look(std::min(deadline, patience))) return true;
   std::unique_lock lock(mutex_);
   asleep_ = true;
-  const bool raised = condition_.wait_until(lock, deadline, [this] { return any_raised(); });
-  asleep_ = false;
+  const bool raised = condition_.wait_until(lock, deadline, [this] { return called_ || any_raised(); });
+  asleep_ = called_ = false;
+  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
   look_first_ = raised && Clock::now() < patience;
   return raised;
 }

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -74,6 +75,10 @@ class Middleware {
   virtual std::unique_ptr<Subscription> create_subscription(const Topic& topic) = 0;
   /// Waits until a subscription may have a sample (true) or the deadline has passed (false). May return true early.
   virtual bool wait(Clock::time_point deadline) = 0;
+  /// Lets the vendor's thread that receives a sample call `handler` while another one is in wait(), which then returns
+  /// true if the handler has returned true or left samples, and throws what it throws. It must not create or delete
+  /// publishers and subscriptions. Null: none. Ignored by a middleware without such threads.
+  virtual void answer_at_once(const std::function<bool()>&) {}
   /// Returns the participants and endpoints discovered up to now.
   virtual DiscoveryMonitor& discovery() = 0;
   virtual Guid guid() const { return {}; }

@@ -338,6 +338,7 @@ class CycloneMiddleware : public Middleware {
     return std::make_unique<CycloneSubscription>(participant_, topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
+  void answer_at_once(const std::function<bool()>& handler) override { wakeup_.set_handler(handler); }
   DiscoveryMonitor& discovery() override {
     if (discovered_.exchange(false)) look_at_discovery();
     return discovery_;

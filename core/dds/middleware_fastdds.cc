@@ -381,6 +381,7 @@ class FastMiddleware : public Middleware {
     if (answers_again_ && Clock::now() >= discovery_listener_.answer_at()) announce();
     return wakeup_.wait(deadline);
   }
+  void answer_at_once(const std::function<bool()>& handler) override { wakeup_.set_handler(handler); }
   DiscoveryMonitor& discovery() override { return discovery_; }
   Guid guid() const override { return guid_of(participant_->guid()); }
   std::string name() const override { return "fastdds"; }

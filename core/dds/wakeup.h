@@ -3,6 +3,8 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <exception>
+#include <functional>
 #include <mutex>
 #include <vector>
 
@@ -38,6 +40,8 @@ class Wakeup {
   /// Waits until a flag is raised (true) or the deadline has passed (false). Spins for a short while before it sleeps
   /// if that would have been enough the last time: waking up takes longer than an answer from the same machine.
   bool wait(Clock::time_point deadline);
+  /// See Middleware::answer_at_once(). Used by the waiting thread.
+  void set_handler(const std::function<bool()>& handler) { handler_ = handler; }
 
  private:
   void wake();
@@ -46,7 +50,11 @@ class Wakeup {
 
   bool look_first_ = true;
   std::vector<Flag*> flags_;  // changed and read by the waiting thread alone
+  // Whoever holds the mutex while this is true is about to release it, and waits for nothing until then.
   std::atomic<bool> asleep_{false};
+  std::function<bool()> handler_;  // this, and what follows, belongs to the holder of the mutex while asleep_
+  bool called_ = false;            // the handler wants the waiting thread
+  std::exception_ptr failure_;     // of the handler
   std::mutex mutex_;
   std::condition_variable condition_;
 };

@@ -23,7 +23,7 @@ Channels::Writer& Channels::writer(const Address& address) {
     if (writers_.size() >= kMaxWriters)
       writers_.erase(std::min_element(writers_.begin(), writers_.end(),
                                       [](const auto& a, const auto& b) { return a.second.used < b.second.used; }));
-    found = writers_.emplace(address, Writer{middleware_->create_publisher(topic(address)), 0, {}}).first;
+    found = writers_.emplace(address, Writer{middleware_->create_publisher(topic(address)), 0}).first;
   }
   found->second.used = Clock::now();
   return found->second;
@@ -32,7 +32,7 @@ Channels::Writer& Channels::writer(const Address& address) {
 void Channels::delete_idle_writers(Clock::time_point now) {
   if (addressing_ != Addressing::kReceiver) return;
   std::erase_if(writers_, [&](const auto& entry) {
-    return entry.first != Address{} && now - entry.second.used > kWriterLifetime;
+    return entry.first != Address{} && !entry.second.kept && now - entry.second.used > kWriterLifetime;
   });
 }
 

@@ -20,7 +20,8 @@ class Channels {
   struct Writer {
     std::unique_ptr<Publisher> publisher;
     std::uint64_t written = 0;  ///< messages, for Header.message
-    Clock::time_point used;
+    Clock::time_point used = {};
+    bool kept = false;  ///< however long it is not used
   };
   /// Returns the writer of a topic, which it creates at its first use.
   Writer& writer(const Address& address);

@@ -54,6 +54,11 @@ class Messenger {
     if (channels.addressing() != Addressing::kReceiver) channels.writer(own_address(channels.addressing()));
     if (channels.addressing() == Addressing::kSenderAndAll) channels.writer(at(options_.id));
   }
+  /// Creates the writer on the topic of service `id`, which is kept until release_topics().
+  template <class Message>
+  void create_writer_at(const std::string& id) {
+    channels_of<Message>().writer(at(id)).kept = true;
+  }
   /// Creates the reader on the shared topic, or on this service's own topic where messages name a receiver.
   template <class Message>
   void create_reader() {

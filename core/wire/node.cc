@@ -32,7 +32,6 @@ Node::Node(const Options& options) : Messenger(options), use_(process_use()), me
 void Node::heartbeat() {
   const Clock::time_point now = Clock::now();
   next_heartbeat_ = now + kHeartbeat;
-  delete_idle_writers(now);
   if (now - twin_heard_ >= kSilence) alarm("id", "");
   if (const std::string& keys = options_.middleware.security; !keys.empty())
     alarm("security", internal::outdated_revocations(keys, incarnation_));
@@ -56,7 +55,10 @@ void Node::heartbeat() {
 }
 
 Clock::time_point Node::publish_heartbeat_if_due() {
-  if (Clock::now() >= next_heartbeat_) heartbeat();
+  if (const Clock::time_point now = Clock::now(); now >= next_heartbeat_) {
+    delete_idle_writers(now);
+    heartbeat();
+  }
   return next_heartbeat_;
 }
 

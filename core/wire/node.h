@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
@@ -21,6 +22,8 @@ class Node : public Messenger {
   /// Waits until there may be a message to take, or the deadline has passed (returns false). Publishes due heartbeats
   /// and logs the middleware's faults.
   bool wait(Clock::time_point deadline);
+  /// See Middleware::answer_at_once(). The handler may take and publish messages of types that have been created.
+  void answer_at_once(const std::function<bool()>& handler) { middleware_->answer_at_once(handler); }
   /// Publishes a heartbeat when it is due. Returns when the next one is.
   Clock::time_point publish_heartbeat_if_due();
   /// Sets what the next heartbeats say; `rate`: environment steps per second. A changed state is published at once.

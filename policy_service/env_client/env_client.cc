@@ -68,6 +68,7 @@ EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
 
 /// Tells env_services that this process stops, so that the next one need not wait until it counts as silent.
 EnvClient::~EnvClient() {
+  node_.answer_at_once(nullptr);
   if (!records_) return;
   try {
     for (const auto& [id, env] : envs_) send_acknowledgement(*env, msg::STOPS);
@@ -90,6 +91,14 @@ void EnvClient::receive_observations(bool wanted) {
   wants_observations_ = wanted;
   if (!wanted)
     for (const auto& [id, env] : envs_) node_.delete_reader_at<msg::Observation>(id);
+}
+
+void EnvClient::answer_at_once() {
+  node_.answer_at_once([this] {
+    undecided_ = false;
+    while (node_.take(observation_)) on_observation(observation_);
+    return undecided_;
+  });
 }
 
 void EnvClient::spin(Clock::time_point deadline) {
@@ -333,7 +342,10 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   if (!idle && !env.refusal.empty()) return;
   // Releases the earlier features last: they may be the same ones.
   const auto before = std::exchange(env.features, features);
-  if (!idle && wants_observations_) node_.create_reader_at<msg::Observation>(env.id);
+  if (!idle && wants_observations_) {
+    node_.create_writer_at<msg::Action>(env.id);
+    node_.create_reader_at<msg::Observation>(env.id);
+  }
   env.settings = settings;
   env.waiting = false;
   env.next_step = 0;
@@ -393,7 +405,10 @@ void EnvClient::on_observation(msg::Observation& observation) {
   env->waiting = true;
   env->wants_belief = observation.wants_belief();
   contain(*env, [&] {
-    if (decide && decide(*env, observation, choice_)) answer(*env, choice_);
+    if (decide && decide(*env, observation, choice_))
+      answer(*env, choice_);
+    else
+      undecided_ = true;
   });
 }
 

@@ -39,6 +39,8 @@ class EnvClient {
   Joined joined;
   std::function<void()> fetching;  ///< called while fetch_features() waits; what it throws ends the wait
 
+  /// Lets the vendor's thread that receives an observation call decide() while spin() waits: see Node.
+  void answer_at_once();
   /// Resends what is due, waits for messages until `deadline` at most (it may return earlier), and handles all that
   /// have come. An Error of decide() or joined() makes it refuse the env_service that they were called for.
   void spin(Clock::time_point deadline);
@@ -107,6 +109,7 @@ class EnvClient {
   std::map<std::string, EnvHandle*> first_;  ///< by traversal: the env_service with which others must agree
   std::uint32_t version_ = 0;
   bool wants_observations_ = true, records_ = false;
+  bool undecided_ = false;  ///< an observation waits for answer()
   Clock::time_point next_acknowledgements_{}, next_refusals_{};
   ServiceMonitor services_;
   msg::Observation observation_;  // messages, kept to use their memory again

@@ -14,6 +14,7 @@ namespace citylearn {
 
 RunContext::RunContext(const PolicyServiceOptions& given, Node& at, EnvClient& envs)
     : options(given), node(at), client(envs), records(options, node, client) {
+  client.answer_at_once();
   client.fetching = [this] { handle(); };
 }
 

@@ -5,8 +5,11 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
+#include <thread>
 
 #include "core/dds/middleware.h"
+#include "core/util/error.h"
 #include "tests/support/options.h"
 #include "tests/support/wait.h"
 
@@ -103,6 +106,61 @@ TEST_P(Pairs, AReaderThatRequestsLessIsNotAFault) {
   ASSERT_TRUE(eventually_both([&] { return publisher->matched() == 1 && subscription->matched() == 1; }));
   EXPECT_TRUE(writing_->discovery().faults().empty());
   EXPECT_TRUE(reading_->discovery().faults().empty());
+}
+
+TEST_P(Pairs, AHandlerAnswersWhileAnotherThreadWaits) {
+  constexpr std::byte kAnswer{1}, kLeave{2}, kWake{3}, kFail{4};  // what the handler is asked to do
+  Topic answer = topic(Profile::kCommand);
+  answer.name += "/answer";
+  const auto asks = writing_->create_publisher(topic(Profile::kCommand));
+  const auto hears = writing_->create_subscription(answer);
+  const auto asked = reading_->create_subscription(topic(Profile::kCommand));
+  const auto answers = reading_->create_publisher(answer);
+  ASSERT_TRUE(eventually_both([&] { return asked->matched() + answers->matched() + hears->matched() == 3; }));
+  std::atomic<std::byte> wanted{kAnswer};
+  std::atomic<int> left = 0, woken = 0, failed = 0, ended = 0;
+  std::atomic<std::thread::id> handled_by;
+  Bytes question;
+  reading_->answer_at_once([&] {
+    if (wanted == kLeave || !asked->take(question)) return false;
+    if (wanted == kFail) throw Error("fails");
+    answers->publish(question);
+    handled_by = std::this_thread::get_id();
+    return wanted == kWake;
+  });
+  std::thread waiting([&] {
+    while (!ended) {
+      const bool by_handler = wanted != kLeave;
+      try {
+        if (!reading_->wait(Clock::now() + milliseconds(5))) continue;
+        const bool any = asked->take(question);
+        left += any && !by_handler;
+        woken += !any && wanted == kWake;
+      } catch (const Error&) {
+        ++failed;
+      }
+      while (asked->take(question)) continue;
+    }
+  });
+  Bytes sample(16), heard;
+  sample[1] = std::byte{1};  // CDR_LE
+  const auto ask_until = [&](std::byte what, const std::function<bool()>& condition) {
+    wanted = what;
+    const auto turn = [&] {
+      asks->publish(sample);
+      writing_->wait(Clock::now() + milliseconds(5));
+    };
+    return eventually(turn, condition);
+  };
+  int heard_back = 0;
+  EXPECT_TRUE(ask_until(kAnswer, [&] { return (heard_back += hears->take(heard)) >= 3; }));
+  EXPECT_NE(handled_by.load(), waiting.get_id());
+  EXPECT_EQ(heard, sample);
+  EXPECT_TRUE(ask_until(kLeave, [&] { return left > 0; }));
+  EXPECT_TRUE(ask_until(kWake, [&] { return woken > 0; }));
+  EXPECT_TRUE(ask_until(kFail, [&] { return failed > 0; }));
+  ended = 1;
+  waiting.join();
 }
 
 /// An endpoint of a program that has set its quality of service itself, in Cyclone DDS without our settings of it.

@@ -60,6 +60,8 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   write("b.csv", "1\n2\n");
   write("a.csv", "1\n2\n");
   EXPECT_EQ(output({"--list-traversals", "--dataset", "plain", "--data", folder_.path()}, 0), "a\nb\nb b\n");
+  const std::string all = output({"--list-traversals", "--show", "--data", folder_.path()}, 0);
+  EXPECT_TRUE(contains(all, "matched by index\nrecording b b\ndataset plain\ntraversal b_b\nframes 2\n")) << all;
   EXPECT_EQ(output({"--list-traversals", "--data", folder_.path()}, 0), "a\nb\nb b\n") << "as what it is recognised";
   EXPECT_TRUE(contains(output({"--help-all"}, 0), "--synthetic-frames"));
   EXPECT_FALSE(output({"--version"}, 0).empty());
