@@ -102,7 +102,7 @@ TEST(Photographs, TellTimeAndPlace) {
 TEST(Photographs, OfAnotherDayAreTold) {
   const auto told = [](const std::vector<double>& clock) {
     std::vector<Taken> photographs;
-    for (const double time : clock) photographs.push_back({time, 0, kUnknown, kUnknown, kUnknown});
+    for (const double time : clock) photographs.push_back({time, 0, std::nan(""), 0, 0});
     const Log log;
     utc_of(photographs, "walk");
     return log.has("walk: mend the dates of 1 of 4 pictures, hours from all others");
