@@ -10,13 +10,15 @@ namespace citylearn {
 void check_numbers(CLI::App& app) {
   for (CLI::Option* option : app.get_options()) {
     const std::string type = option->get_type_name();  // with what its range says
-    if (type.find("FLOAT") != std::string::npos)
-      option->check([](const std::string& given) {
-        return std::isnan(std::strtod(given.c_str(), nullptr)) ? given + " is not a number" : std::string();
-      });
-    if (type.find("UINT") != std::string::npos)
-      option->check(
-          [](const std::string& given) { return given.starts_with('-') ? given + " is less than 0" : std::string(); });
+    const bool counts = type.find("UINT") != std::string::npos, whole = type.find("INT") != std::string::npos;
+    if (!whole && type.find("FLOAT") == std::string::npos) continue;
+    option->check([counts, whole](const std::string& given) {
+      if (std::isnan(std::strtod(given.c_str(), nullptr))) return given + " is not a number";
+      if (counts && given.starts_with('-')) return given + " is less than 0";
+      const std::string digits = given.substr(given.starts_with('+') || given.starts_with('-'));
+      const bool octal = whole && digits.size() > 1 && digits[0] == '0' && digits[1] >= '0' && digits[1] <= '9';
+      return octal ? given + " begins with 0, as octal numbers do" : std::string();
+    });
   }
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/features.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -87,6 +89,13 @@ class Table {
     if (columns != traversal_.dimension)
       fail(std::to_string(columns) + " columns, the lines before have " + std::to_string(traversal_.dimension));
     ++traversal_.frames;
+    float largest = 0;
+    for (int i = 1; i <= columns; ++i) largest = std::max(largest, std::abs(traversal_.features.end()[-i]));
+    if (largest == 0 && !std::exchange(has_zeros_, true))
+      spdlog::warn("{}:{}: only zeros; places with such features look alike", path_, line_);
+    if (largest > 1e15F || (largest > 0 && largest < 1e-15F))  // their squares are near what is no float
+      fail(fmt::format("its largest number is {:.2g}, with which lengths cannot be computed", largest),
+           "multiply the features of all recordings by one number");
   }
 
   /// Returns where the number's column ends: at a comma or at `end`.
@@ -117,6 +126,7 @@ class Table {
   const std::string& path_;
   Traversal& traversal_;
   int line_ = 0;
+  bool has_zeros_ = false;
   int empty_line_ = 0;  // the first empty line since the last frame; 0 = none
 };
 

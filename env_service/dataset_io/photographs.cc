@@ -117,6 +117,8 @@ std::vector<double> utc_of(const std::vector<Taken>& photographs, const std::str
     const double utc = photographs[i].local - zone - ahead;
     result.push_back(std::isnan(utc) ? photographs[i].gps : utc);
   }
+  if (const std::size_t strays = stray_times(result).size())
+    spdlog::warn("{}: mend the dates of {} of {} pictures, hours from all others", where, strays, result.size());
   return result;
 }
 

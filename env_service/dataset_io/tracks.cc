@@ -195,8 +195,9 @@ GpsRows rows_of(Points points, const std::string& path) {
   if (points.empty())
     throw Error(all == 0 ? "holds no track" : "has places without times, so that nothing tells which frame was where",
                 path, "export the track with its times, or move it away");
+  erase_strays(points, [](const TrackPoint& point) { return point.time; });
   if (points.size() < all)
-    spdlog::warn("{}: {} of {} points have no time and are left out", path, all - points.size(), all);
+    spdlog::warn("{}: {} of {} points have no time or one far from the others", path, all - points.size(), all);
   undo_delay(points, path);
   points.front().begins = false;  // nothing comes before it
   std::stable_sort(points.begin(), points.end(), [](auto& a, auto& b) { return a.time < b.time; });

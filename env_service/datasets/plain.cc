@@ -250,6 +250,8 @@ class Plain : public FolderDataset {
     std::map<std::string, std::vector<std::string>> found;
     const auto add = [&](const std::string& name, const std::vector<std::string>& files) {
       const auto [at, added] = found.try_emplace(name);
+      if (name.find(',') != name.npos)
+        throw Error("'" + name + "' has a comma, as there is between names", folder_, "rename it");
       if (!added)
         throw Error(
             "traversal '" + name + "' is both " + fs::path(at->second[0]).filename().string() + " and " + files[0],

@@ -15,6 +15,7 @@
 #include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/files/files.h"
+#include "env_service/files/times.h"
 #include "env_service/geometry/geometry.h"
 #include "env_service/ros2/bag.h"
 #include "env_service/ros2/sensor_messages.h"
@@ -28,6 +29,7 @@ using BagFix = sensor_msgs::msg::dds_::NavSatFix_;
 constexpr std::uint64_t kBagDecodingVersion = 1;    // part of fingerprints; raised when bags give other pictures
 constexpr std::size_t kBagSampledBytes = 16 << 10;  // bytes of a message that are hashed, at each end
 constexpr double kBagReach = 1;                     // a frame has a position when one was measured as near, in seconds
+const std::string kStrayStamp = "is stamped an hour or more from all others (see --rosbag2-stamp)";
 const std::string kUndecodable = "is shorter than its lengths say, or of another type";
 
 std::uint64_t fingerprint_of(std::span<const std::byte> message) {
@@ -185,6 +187,10 @@ class Rosbag2 : public FolderDataset {
           return is_camera(topic) || is_position(topic);
         },
         [&](const BagMessage& message) { take(bag->topics()[message.topic], message, tracks[message.topic]); });
+    for (BagTrack& track : tracks)
+      if (const int strays = erase_strays(track.pictures, [](const BagPicture& picture) { return picture.time; }) +
+                             erase_strays(track.positions, [](const auto& position) { return position[0]; }))
+        track.refused[kStrayStamp] = strays;
     const std::vector<BagTopic>& topics = bag->topics();
     const std::optional<std::size_t> camera = choose(topics, is_camera, camera_, "camera", path),
                                      position = choose(topics, is_position, position_, "position", path);
@@ -196,7 +202,7 @@ class Rosbag2 : public FolderDataset {
     for (std::size_t i = 0; i < topics.size(); ++i) {
       const bool taken = i == camera || i == position;
       for (const auto& [why, count] : taken ? tracks[i].refused : std::map<std::string, int>())
-        (why == kUndecodable || i == camera ? left_out.faults : left_out.on_purpose)
+        (why == kUndecodable || why == kStrayStamp || i == camera ? left_out.faults : left_out.on_purpose)
             .push_back(fmt::format("{} of {} not taken: each {}", count, described(topics[i]), why));
       if (!taken)
         left_out.on_purpose.push_back(described(topics[i]) +

@@ -114,6 +114,18 @@ bool without_order(const Names& names, const Numbers& numbers) {
          (numbers[0] >= 1e13L && numbers.back() > 2 * numbers[0]);
 }
 
+/// Returns whether names count in two ways, as "DSC_0001" and "IMG_0001" of two cameras, or "7_left" and "7_right".
+bool has_two_counters(const Names& names) {
+  std::set<std::string> beginnings, numbers;
+  for (std::string name : names) {
+    beginnings.insert(lower(name.substr(0, name.find_first_of("0123456789"))));
+    std::erase_if(name, [](unsigned char c) { return !std::isdigit(c); });
+    numbers.insert(std::move(name));
+  }
+  return (beginnings.size() > 1 && beginnings.size() * 2 <= names.size()) ||
+         (names.size() > 3 && numbers.size() * 4 <= names.size() * 3);
+}
+
 bool is_heif_name(const std::string& file) {
   const std::string suffix = lower(std::filesystem::path(file).extension().string());
   return suffix == ".heic" || suffix == ".heif" || suffix == ".hif";
@@ -216,6 +228,9 @@ Names pictures_in(const std::string& folder, const PictureTimes& times_of) {
   if (!told && !by_number && without_order(stems, numbers))
     spdlog::warn("{}: the names of its pictures give no order ({}, {} ...); number them as they were recorded", folder,
                  files[0], files[1]);
+  else if (numbers.empty() && has_two_counters(stems))
+    spdlog::warn("{}: its pictures count in two ways, {} to {}, and are ordered by {}: move another camera's away",
+                 folder, files.front(), files.back(), told ? "time" : "name");
   Names ordered;
   for (const std::size_t i : order) ordered.push_back(files[i]);
   return ordered;

@@ -63,6 +63,7 @@ struct TextTable::Impl {
   std::string path, text;
   char separator;
   std::vector<std::string> names;
+  mutable std::vector<std::string> unused;
   std::vector<Field> fields;
   std::vector<Row> rows;
 
@@ -92,6 +93,7 @@ struct TextTable::Impl {
     return std::string_view(text).substr(field.begin, field.size);
   }
   int find(const std::string& column) const {
+    std::erase(unused, column);
     for (std::size_t i = 0; i < names.size(); ++i)
       if (names[i] == column) return static_cast<int>(i);
     return -1;
@@ -117,6 +119,8 @@ TextTable::TextTable(const std::string& path, const Options& options) {
       return;
     }
     for (int i = 0; i < impl->columns(0); ++i) impl->names.emplace_back(impl->field(0, i));
+    impl->unused = impl->names;
+    std::erase(impl->unused, "");
     impl->rows.clear();
     impl->fields.clear();
   });
@@ -129,7 +133,7 @@ TextTable::TextTable(const std::string& path, const Options& options) {
 int TextTable::rows() const { return static_cast<int>(impl_->rows.size()); }
 int TextTable::columns(int row) const { return impl_->columns(static_cast<std::size_t>(row)); }
 bool TextTable::has(const std::string& column) const { return impl_->find(column) >= 0; }
-const std::vector<std::string>& TextTable::names() const { return impl_->names; }
+const std::vector<std::string>& TextTable::unused() const { return impl_->unused; }
 const std::string& TextTable::path() const { return impl_->path; }
 
 std::string_view TextTable::text(int row, int column) const {
@@ -140,9 +144,8 @@ std::string_view TextTable::text(int row, int column) const {
 
 std::string_view TextTable::text(int row, const std::string& column) const {
   const int index = impl_->find(column);
-  if (index < 0) {
+  if (index < 0)
     throw Error("no column '" + column + "'", impl_->path, "there are: " + joined(impl_->names, printable));
-  }
   if (index >= columns(row)) fail(row, "nothing in column '" + column + "'");
   return text(row, index);
 }

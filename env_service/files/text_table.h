@@ -34,7 +34,7 @@ class TextTable {
   int rows() const;
   int columns(int row) const;
   bool has(const std::string& column) const;
-  const std::vector<std::string>& names() const;  ///< of the columns, where there is a header
+  const std::vector<std::string>& unused() const;  ///< columns with a name for which nothing was asked yet
   /// Returns a field by its column's name or index, without blanks at its ends. Throws Error for an unknown column.
   std::string_view text(int row, const std::string& column) const;
   std::string_view text(int row, int column) const;

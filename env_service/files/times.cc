@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/files/times.h"
 
+#include <algorithm>
 #include <cctype>
 #include <chrono>
 #include <cmath>
+#include <compare>
 #include <cstdio>
 #include <string>
 
@@ -43,6 +45,21 @@ Moment read_moment(std::string_view given) {
   if (!zone.empty() && std::isnan(moment.zone = read_zone(zone))) return moment;
   moment.seconds = static_cast<double>(sys_days(day).time_since_epoch().count()) * 86400 + time;
   return moment;
+}
+
+std::vector<std::size_t> stray_times(const std::vector<double>& times) {
+  constexpr double kStray = 3600;  // seconds
+  std::vector<double> sorted = times;
+  std::sort(sorted.begin(), sorted.end(), [](double a, double b) { return std::strong_order(a, b) < 0; });  // NaN last
+  if (times.size() < 3 || std::is_sorted(times.begin(), times.end())) return {};
+  std::size_t first = sorted.size() / 2, last = first;  // of those around the median without a gap
+  while (first > 0 && sorted[first] - sorted[first - 1] < kStray) --first;
+  while (last + 1 < sorted.size() && sorted[last + 1] - sorted[last] < kStray) ++last;
+  std::vector<std::size_t> strays;
+  for (std::size_t i = 0; i < times.size(); ++i)
+    if (times[i] < sorted[first] || times[i] > sorted[last]) strays.push_back(i);
+  if (strays.size() > std::max<std::size_t>(1, times.size() / 20)) strays.clear();
+  return strays;
 }
 
 }  // namespace citylearn

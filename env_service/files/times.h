@@ -3,6 +3,7 @@
 
 #include <limits>
 #include <string_view>
+#include <vector>
 
 namespace citylearn {
 
@@ -22,5 +23,17 @@ struct Moment {
 Moment read_moment(std::string_view text);
 /// Returns the seconds of a zone; NaN when it is none.
 double read_zone(std::string_view text);
+/// Returns the indices of times, given in the order of a recording, that are not of it: out of order, and an hour or
+/// more from all others. None where these are more than one and a twentieth of all.
+std::vector<std::size_t> stray_times(const std::vector<double>& times);
+/// Removes rows with such times, and returns how many.
+template <class Row, class TimeOf>
+int erase_strays(std::vector<Row>& rows, TimeOf time_of) {
+  std::vector<double> times;
+  for (const Row& row : rows) times.push_back(time_of(row));
+  const std::vector<std::size_t> strays = stray_times(times);
+  for (std::size_t i = strays.size(); i-- > 0;) rows.erase(rows.begin() + static_cast<std::ptrdiff_t>(strays[i]));
+  return static_cast<int>(strays.size());
+}
 
 }  // namespace citylearn

@@ -3,7 +3,6 @@
 
 #include <spdlog/spdlog.h>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <unordered_map>
@@ -20,18 +19,7 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-const std::vector<std::string> kHeightColumns{"z", "height", "alt", "altitude", "ele", "elevation"},
-    kOthers{"", "frame", "file", "time", "lat", "lon", "x", "y", "metres"};
-
-/// Warns of columns of which nothing is taken.
-void tell_unused(const TextTable& table) {
-  std::vector<std::string> unused;
-  for (const std::string& name : table.names())
-    if (std::find(kHeightColumns.begin(), kHeightColumns.end(), name) == kHeightColumns.end() &&
-        std::find(kOthers.begin(), kOthers.end(), name) == kOthers.end())
-      unused.push_back(name);
-  if (!unused.empty()) spdlog::warn("{}: columns that are not read: {}", table.path(), joined(unused, printable));
-}
+const std::vector<std::string> kHeightColumns{"z", "height", "alt", "altitude", "ele", "elevation"};
 
 /// A frame's number in a column.
 int frame_number(const TextTable& table, int row, const std::string& column) {
@@ -78,7 +66,6 @@ std::vector<int> frames_of(const TextTable& table, const Traversal& traversal) {
 
 void read_poses(const std::string& path, Traversal& traversal) {
   const TextTable table(path, {});
-  tell_unused(table);
   const std::vector<int> frames = frames_of(table, traversal);
   const auto number = [&](int row, const std::string& name) {
     const std::string_view text = table.text(row, name);
@@ -100,7 +87,7 @@ void read_poses(const std::string& path, Traversal& traversal) {
     traversal.positions = metres_along(traversal.latitude, traversal.longitude);
   }
   for (const std::string& name : kHeightColumns) {
-    if (!table.has(name) || !traversal.height.empty()) continue;
+    if (!traversal.height.empty() || !table.has(name)) continue;
     for (int row = 0; row < table.rows(); ++row)
       if (const double z = number(row, name); !std::isnan(z) && !is_height(z))
         table.fail(row, "not a height in metres", "leave " + name + " empty where it is unknown");
@@ -128,6 +115,8 @@ void read_poses(const std::string& path, Traversal& traversal) {
     throw Error("has " + std::to_string(table.rows()) + " rows, " + traversal.name + " has " +
                     std::to_string(traversal.frames) + " frames",
                 table.path(), "write a row for each frame, or name frames in a column 'frame'");
+  if (!table.unused().empty())
+    spdlog::warn("{}: columns that are not read: {}", path, joined(table.unused(), printable));
 }
 
 std::vector<std::pair<int, int>> read_matches(const std::string& path, const std::string& a, const std::string& b) {

@@ -88,7 +88,9 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
     if (name != "shuffled") ControlRegistry::instance().find("control", name);
   if (options.mode != "train" && (!options.initial_checkpoint.empty() || !options.frozen.empty()))
     throw Error("is for --mode train", options.initial_checkpoint.empty() ? "--freeze" : "--initial");
-  if (options.train.empty()) throw Error("names no traversal", "--train");
+  const auto has_empty = [](const auto& names) { return std::find(names.begin(), names.end(), "") != names.end(); };
+  if (options.train.empty() || has_empty(options.train)) throw Error("names no traversal", "--train");
+  if (has_empty(options.evaluate)) throw Error("names no traversal", "--evaluate");
   for (auto name = options.train.begin(); name != options.train.end(); ++name)
     if (std::find(options.train.begin(), name, *name) != name) throw Error("names '" + *name + "' twice", "--train");
   if (options.role != "both" && options.train.size() > 1)

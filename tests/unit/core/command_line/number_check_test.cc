@@ -46,9 +46,16 @@ TEST(NumberCheck, CountsAreNotNegative) {
   EXPECT_NE(said_of("--agents=-1"), "");
 }
 
+/// CLI11 would make 8 of 010.
+TEST(NumberCheck, CountsAreWrittenAsTheyAreMeant) {
+  for (const char* padded : {"010", "08", "+01"})
+    EXPECT_EQ(said_of("--steps=" + std::string(padded)),
+              "--steps: " + std::string(padded) + " begins with 0, as octal numbers do");
+}
+
 TEST(NumberCheck, NumbersAndTextsPass) {
-  for (const char* argument : {"--speed=2", "--steps=3", "--agents=16", "--name=-1", "--slip=0.5", "--free=-1e300",
-                               "--agent-rate=0", "--name=nan"})
+  for (const char* argument : {"--speed=2", "--steps=3", "--steps=0", "--agents=16", "--name=-1", "--slip=0.5",
+                               "--free=-1e300", "--agent-rate=0", "--name=nan"})
     EXPECT_EQ(said_of(argument), "") << argument;
 }
 

@@ -85,6 +85,30 @@ TEST(Times, AreReadAsTheyAreWritten) {
     EXPECT_TRUE(std::isnan(read_moment(text).seconds)) << text;
 }
 
+TEST(Times, FarFromAllOthersAndAgainstTheirOrderAreStrays) {
+  const double day = 86400, now = 1.8e9, unknown = std::nan("");
+  const std::vector<std::pair<std::vector<double>, std::vector<std::size_t>>> cases{
+      {{now, now + 1, now + day, now + 2, now + 3}, {2}},
+      {{now, now + 1, 0, now + 2}, {2}},
+      {{now + day, now, now + 1, unknown, now + 2}, {0}},
+      {{0, now, now + 1, now + 2}, {}},                   // a clock that was set
+      {{now, now + 1, unknown, now + 2, now + day}, {}},  // a pause
+      {{now, now + 3000, now + 1500, now + 2}, {}},
+      {{now, 0, now + 1, now + day, now + 2}, {}},  // too many
+      {{now, 0}, {}},
+      {{}, {}}};
+  for (const auto& [times, strays] : cases) EXPECT_EQ(stray_times(times), strays) << ::testing::PrintToString(times);
+}
+
+TEST(Tracks, PointsOfAnotherDayAreLeftOut) {
+  std::string points;
+  for (int i = 0; i < 5; ++i)
+    points += gpx_point("2026-06-0" + std::string(i == 2 ? "2" : "1") + "T12:00:0" + std::to_string(i) + "Z");
+  const Log log;
+  EXPECT_EQ(Read(gpx(points)).points, "+0 1,2\n+1 1,2\n+3 1,2\n+4 1,2\n");
+  EXPECT_TRUE(log.has("x.gpx: 1 of 5 points have no time or one far from the others")) << log.text();
+}
+
 TEST(Tracks, GpxInAnyForm) {
   EXPECT_EQ(Read(gpx(gpx_point("2026-06-01T14:00:00.5+02:00") + gpx_point("") +
                      gpx_point("2026-06-01T11:59:00Z", "lon='-3' lat='0'")))

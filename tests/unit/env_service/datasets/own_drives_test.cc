@@ -99,6 +99,18 @@ TEST(Photographs, TellTimeAndPlace) {
   EXPECT_EQ(read_taken(path).latitude, 0) << "the equator is a place";
 }
 
+TEST(Photographs, OfAnotherDayAreTold) {
+  const auto told = [](const std::vector<double>& clock) {
+    std::vector<Taken> photographs;
+    for (const double time : clock) photographs.push_back({time, 0, std::nan(""), 0, 0});
+    const Log log;
+    utc_of(photographs, "walk");
+    return log.has("walk: mend the dates of 1 of 4 pictures, hours from all others");
+  };
+  EXPECT_TRUE(told({0, 2, 86403, 6}));
+  EXPECT_FALSE(told({0, 2, 6, 86403})) << "a pause";
+}
+
 TEST(Photographs, AreInTheOrderOfTheirTimes) {
   const Folder folder;
   const auto drive = [&] { return make_dataset("plain", folder.path())->load("trip"); };

@@ -81,6 +81,10 @@ TEST_F(PlainDrive, OneNameTwice) {
   make_file(folder_ / "day.csv", "1\n2\n");
   EXPECT_EQ(error_of([&] { plain()->names(); }),
             folder_.path() + ": traversal 'day' is both day and day.csv (rename or remove one of them)");
+  make_file(folder_ / "walk, evening.csv", "1\n2\n");
+  std::filesystem::remove(folder_ / "day.csv");
+  EXPECT_EQ(error_of([&] { plain()->names(); }),
+            folder_.path() + ": 'walk, evening' has a comma, as there is between names (rename it)");
 }
 
 TEST_F(PlainDrive, PicturesWhereFoldersShouldBe) {

@@ -7,6 +7,7 @@
 #include "tests/paths.h"
 #include "tests/support/env/env.h"
 #include "tests/support/files.h"
+#include "tests/support/log.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -54,6 +55,17 @@ TEST_F(Plain, LineEndsAndBlanksDoNotMatter) {
 
 TEST_F(Plain, TinyNumbersAreZero) {
   EXPECT_EQ(load("1e-60,1\n-1e-400,0." + std::string(400, '0') + "1\n").features, (std::vector<float>{0, 1, 0, 0}));
+}
+
+TEST_F(Plain, FramesThatHaveNoLengthAreTold) {
+  const std::string remedy =
+      ", with which lengths cannot be computed (multiply the features of all recordings by one number)";
+  EXPECT_EQ(complaint("1,2\n2e-42,-1e-42\n"), "x.csv:2: its largest number is 2e-42" + remedy);
+  EXPECT_EQ(complaint("1,-3e38\n3,4\n"), "x.csv:1: its largest number is 3e+38" + remedy);
+  EXPECT_EQ(load("1,1e-42\n1e15,-1e-15\n").frames, 2);
+  const Log log;
+  EXPECT_EQ(load("1,2\n0,0\n3,4\n0,-0\n").frames, 4);
+  EXPECT_TRUE(log.has("x.csv:2: only zeros; places")) << log.text();
 }
 
 TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {

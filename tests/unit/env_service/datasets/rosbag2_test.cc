@@ -185,6 +185,26 @@ TEST_F(Rosbag2, BothByteOrdersAndStorages) {
   EXPECT_EQ(bags()->names(), (Lines{"drive.db3", "drive.mcap"}));
 }
 
+TEST_F(Rosbag2, AStampOfAnotherDayIsLeftOutWithAWord) {
+  std::vector<BagSample> samples;
+  for (int i = 0; i < 5; ++i) {
+    samples.push_back(image((i == 1 ? 96'400'000 : 10'000'000) + 1000 * i, red_blue_));
+    samples.push_back(pose((i == 3 ? 1000 : 10'000'000) + 1000 * i, i, 0));
+    for (BagSample* sample : {&samples.end()[-2], &samples.end()[-1]}) sample->time = 1000 * (i + 1);
+  }
+  write_bag_mcap(folder_ / "a.mcap", samples);
+  const auto dataset = bags();
+  const Traversal traversal = dataset->load("a");
+  EXPECT_EQ(traversal.times, (std::vector<double>{10'000, 10'002, 10'003, 10'004}));
+  EXPECT_EQ(traversal.x, (std::vector<double>{0, 2, 3, 4}));
+  const std::string why = " not taken: each is stamped an hour or more from all others (see --rosbag2-stamp)";
+  ASSERT_EQ(dataset->left_out("a").faults.size(), 2u);
+  EXPECT_TRUE(contains(dataset->left_out("a").faults[0], "1 of /camera (sensor_msgs/msg/Image, 5 messages)" + why));
+  EXPECT_TRUE(
+      contains(dataset->left_out("a").faults[1], "1 of /pose (geometry_msgs/msg/PoseStamped, 5 messages)" + why));
+  EXPECT_EQ(bags({{"stamp", 1}})->load("a").frames, 5);
+}
+
 TEST_F(Rosbag2, NoFixIsNoPosition) {
   std::vector<BagSample> samples = {fix(10'000, 0, 48, 11), fix(11'000, -1, std::nan(""), std::nan("")),
                                     fix(12'000, -1, 0, 0), fix(13'500, 0, 48.00001, 11)};

@@ -124,6 +124,22 @@ TEST(Pictures, NumbersThatMayBeTwoAreRefused) {
   EXPECT_EQ(Listing({"5.900000000.png", "5.009000000.png"}).files, (Names{"5.009000000.png", "5.900000000.png"}));
 }
 
+TEST(Pictures, TwoCountersAreWarnedOf) {
+  const std::vector<std::pair<Names, std::string>> cases{
+      {{"DSC_0001.JPG", "DSC_0002.JPG", "DSC_0003.JPG", "IMG_0001.JPG"},
+       "two ways, DSC_0001.JPG to IMG_0001.JPG, and are ordered by name"},
+      {{"GOPR0001.JPG", "IMG_0001.JPG", "IMG_0002.JPG", "IMG_0003.JPG"}, "two ways, GOPR0001.JPG to IMG_0003.JPG, "},
+      {{"0_left.png", "0_right.png", "1_left.png", "1_right.png"}, "two ways, 0_left.png to 1_right.png, "},
+      {{"IMG_0001.JPG", "img_0002.jpg", "IMG_0003.JPG", "IMG_0004_HDR.JPG"}, ""},
+      {{"cam1_9.png", "cam1_10.png", "cam2_1.png", "cam2_2.png"}, ""}};
+  for (const auto& [names, words] : cases) {
+    const Log log;
+    EXPECT_EQ(Listing(names).files, names);
+    EXPECT_EQ(log.has("its pictures count in two ways"), !words.empty()) << log.text();
+    EXPECT_TRUE(words.empty() || log.has(words)) << log.text();
+  }
+}
+
 TEST(Pictures, NamesWithoutAnOrderAreWarnedOf) {
   for (const Names& names :
        {Names{"c4ca4238a0.jpg", "c81e728d9d.jpg", "eccbc87e4b.jpg"},

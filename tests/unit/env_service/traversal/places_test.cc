@@ -204,6 +204,8 @@ TEST(Heights, OfATableMayBeEmptyButNotNonsense) {
   const Log log;
   load("x,y,up,z,yaw,\n0,0,1,1,0,\n3,0,1,1,0\n6,0,1,1,0\n");
   EXPECT_TRUE(log.has("day.poses.csv: columns that are not read: up, yaw")) << log.text();
+  load("frame,file,x,y,z,height\n0,a,0,0,1,9\n");
+  EXPECT_TRUE(log.has("day.poses.csv: columns that are not read: file, height")) << log.text();
   EXPECT_EQ(error_of([&] { load("x,y,z\n0,0,1\n3,0,-9999\n6,0,9\n"); }),
             (folder / "day.poses.csv") + ":3: not a height in metres (leave z empty where it is unknown)");
 }

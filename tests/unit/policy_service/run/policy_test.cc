@@ -371,6 +371,11 @@ TEST(Options, EachExperienceIsAnotherTraversal) {
   options.role = "both";
   options.train.push_back("summer");
   EXPECT_EQ(refusal(options), "--train: names 'summer' twice");
+  options.train = {""};  // as of a variable of the shell that is not set
+  EXPECT_EQ(refusal(options), "--train: names no traversal");
+  options.train = {"summer"};
+  options.evaluate = {"fall", ""};
+  EXPECT_EQ(refusal(options), "--evaluate: names no traversal");
 }
 
 TEST(Options, LessonsEndAtAnyNumberOfPlaces) {
