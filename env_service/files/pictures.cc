@@ -225,10 +225,11 @@ Names pictures_in(const std::string& folder, const PictureTimes& times_of) {
                 folder,
                 "rename those behind " + files.back() + " so that numbers go on, as " + texts[0] + " to 1" +
                     std::string(texts.back().size() - texts[0].size(), '0') + texts[0]);
-  if (!told && !by_number && without_order(stems, numbers))
+  const bool unordered = without_order(stems, numbers);
+  if (!told && !by_number && unordered)
     spdlog::warn("{}: the names of its pictures give no order ({}, {} ...); number them as they were recorded", folder,
                  files[0], files[1]);
-  else if (numbers.empty() && has_two_counters(stems))
+  else if (!unordered && numbers.empty() && has_two_counters(stems))
     spdlog::warn("{}: its pictures count in two ways, {} to {}, and are ordered by {}: move another camera's away",
                  folder, files.front(), files.back(), told ? "time" : "name");
   Names ordered;

@@ -108,6 +108,9 @@ TEST(Pictures, TimesOrderNames) {
   const Log log;
   EXPECT_EQ(order({{"1.jpg", 8}, {"2.jpg", unknown}, {"3.jpg", 7}}), (Names{"1.jpg", "2.jpg", "3.jpg"}));
   EXPECT_TRUE(log.has("1 of 3 pictures have no time")) << log.text();
+  EXPECT_EQ(order({{"A04F.jpg", 1}, {"3F2A.jpg", 2}, {"A1C7.jpg", 3}, {"3F0B.jpg", 4}}),
+            (Names{"A04F.jpg", "3F2A.jpg", "A1C7.jpg", "3F0B.jpg"}));
+  EXPECT_FALSE(log.has("count in two ways")) << "hashes are no counters: " << log.text();
 }
 
 TEST(Pictures, CopiesAreLeftOut) {
