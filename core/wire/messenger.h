@@ -46,8 +46,7 @@ class Messenger {
     return false;
   }
 
-  /// Creates the writers on the shared topic and on this service's own, as far as the type has them, before their first
-  /// use, so that discovery begins now.
+  /// Creates the writers on the shared topic and on this service's own, if the type has them, so that discovery begins.
   template <class Message>
   void create_writer() {
     Channels& channels = channels_of<Message>();
@@ -64,8 +63,7 @@ class Messenger {
   void create_reader() {
     create_reader_at<Message>(addressing_of<Message>() == Addressing::kReceiver ? options_.id : "");
   }
-  /// Create and delete the reader on the topic of service `id`, or on the shared topic where it is empty. `session`: of
-  /// that service, for a node that hears all sessions.
+  /// Create and delete the reader on the topic of service `id` of `session`, or on the shared one if `id` is empty.
   template <class Message>
   void create_reader_at(const std::string& id, const std::string& session = "") {
     channels_of<Message>().create_reader(session.empty() ? at(id) : Address{session, id});

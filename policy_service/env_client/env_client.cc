@@ -95,9 +95,8 @@ void EnvClient::receive_observations(bool wanted) {
 
 void EnvClient::answer_at_once() {
   node_.answer_at_once([this] {
-    undecided_ = false;
     while (node_.take(observation_)) on_observation(observation_);
-    return undecided_;
+    return std::exchange(undecided_, false);
   });
 }
 
@@ -405,10 +404,9 @@ void EnvClient::on_observation(msg::Observation& observation) {
   env->waiting = true;
   env->wants_belief = observation.wants_belief();
   contain(*env, [&] {
-    if (decide && decide(*env, observation, choice_))
-      answer(*env, choice_);
-    else
-      undecided_ = true;
+    const bool decided = decide && decide(*env, observation, choice_);
+    if (decided) answer(*env, choice_);
+    undecided_ = undecided_ || !decided;
   });
 }
 

@@ -38,7 +38,6 @@ class EnvClient {
   Finished finished;
   Joined joined;
   std::function<void()> fetching;  ///< called while fetch_features() waits; what it throws ends the wait
-
   /// Lets the vendor's thread that receives an observation call decide() while spin() waits: see Node.
   void answer_at_once();
   /// Resends what is due, waits for messages until `deadline` at most (it may return earlier), and handles all that
@@ -71,7 +70,6 @@ class EnvClient {
   /// Begin and end hearing an env_service. Only with EnvClientOptions::attached_only.
   void attach(const std::string& id);
   void detach(const std::string& id);
-
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
   const ServiceMonitor& services() const { return services_; }
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
@@ -108,8 +106,7 @@ class EnvClient {
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
   std::map<std::string, EnvHandle*> first_;  ///< by traversal: the env_service with which others must agree
   std::uint32_t version_ = 0;
-  bool wants_observations_ = true, records_ = false;
-  bool undecided_ = false;  ///< an observation waits for answer()
+  bool wants_observations_ = true, records_ = false, undecided_ = false;  ///< last: an observation waits for answer()
   Clock::time_point next_acknowledgements_{}, next_refusals_{};
   ServiceMonitor services_;
   msg::Observation observation_;  // messages, kept to use their memory again
