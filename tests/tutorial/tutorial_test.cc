@@ -223,7 +223,7 @@ TEST_F(NetworkTutorial, KeepsItsPromises) {
 
 TEST_F(NetworkTutorial, TheFolderForThisRepositoryIsRight) {
   expect_home("gru.cc", "policy_service/network/agents/", "features.cc", "policy_service/CMakeLists.txt",
-              "network/agents/*.cc");
+              "network/*/*.cc");
 }
 
 }  // namespace
