@@ -391,10 +391,15 @@ demo() {
     tr ',' '\n' <<<"$1" | while IFS= read -r name; do [ -z "$name" ] || printf '%s\n' "${called[$name]:-$name}"; done | paste -sd ,
   }
   local text words   # one start, which takes .15 s, shows all
-  [ -n "$evaluate" ] || [ ${#aligning[@]} -gt 0 ] || while IFS= read -r text; do
-    [[ $text != 'recording '* ]] || { words=(--traversal "${text#* }" "${part[@]}"); continue; }
-    looked[${words[*]}]+=$text$'\n'
-  done < <("$env" "${source[@]}" "${part[@]}" "${world[@]}" --list-traversals --show 2>/dev/null)
+  if [ -z "$evaluate" ] && [ ${#aligning[@]} -eq 0 ]; then
+    while IFS= read -r text; do
+      if [[ $text == 'recording '* ]]; then
+        words=(--traversal "${text#* }" "${part[@]}")
+      else
+        looked[${words[*]}]+=$text$'\n'
+      fi
+    done < <("$env" "${source[@]}" "${part[@]}" "${world[@]}" --list-traversals --show 2>/dev/null)
+  fi
   local kind length pairs streets; look_at "$route" || exit 1
   [ "$streets" != yes ] || [ -n "$frames" ] || { frames=0:$length count=$length; }   # they are walked as a whole
   local images=$kind whole=$length shortest=$length name
