@@ -50,7 +50,7 @@ class Wakeup {
 
   bool look_first_ = true;
   std::vector<Flag*> flags_;  // changed and read by the waiting thread alone
-  // Whoever holds the mutex while this is true is about to release it, and waits for nothing until then.
+  // A thread that holds the mutex while this is true releases it soon, and waits for nothing before.
   std::atomic<bool> asleep_{false};
   std::function<bool()> handler_;  // this, and what follows, belongs to the holder of the mutex while asleep_
   bool called_ = false;            // the handler wants the waiting thread

@@ -93,7 +93,8 @@ class Table {
     for (int i = 1; i <= columns; ++i) largest = std::max(largest, std::abs(traversal_.features.end()[-i]));
     if (largest == 0 && !std::exchange(has_zeros_, true))
       spdlog::warn("{}:{}: only zeros; places with such features look alike", path_, line_);
-    if (largest > 1e15F || (largest > 0 && largest < 1e-15F))  // their squares are near what is no float
+    // Lengths are sums of squares, which would overflow or vanish.
+    if (largest > 1e15F || (largest > 0 && largest < 1e-15F))
       fail(fmt::format("its largest number is {:.2g}, with which lengths cannot be computed", largest),
            "multiply the features of all recordings by one number");
   }

@@ -19,7 +19,8 @@ struct Taken {
 Taken read_taken(const std::string& path);
 /// Returns when photographs were taken, seconds since 1970 in UTC; NaN where nothing tells. Zones that are not told
 /// follow from the receiver's time, else from the other photographs. A camera's clock that is off by a constant is
-/// mended by the receiver's, with a line in the log that names `where`; so are dates hours from all others told.
+/// mended by the receiver's, with a line in the log that names `where`. Dates that are hours from all others are told
+/// likewise.
 std::vector<double> utc_of(const std::vector<Taken>& photographs, const std::string& where);
 
 }  // namespace citylearn
