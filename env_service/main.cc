@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/spdlog.h>
+
 #include <CLI/CLI.hpp>
 #include <iostream>
 
@@ -123,11 +125,17 @@ int serve(CommandLine& line) {
               << (dataset->correspondence() == Correspondence::kIndex ? "index" : "dataset") << "\n";
   };
   if (line.list_traversals) {
+    int status = 0;
     for (const std::string& name : dataset->names()) {
-      std::cout << (line.show ? "recording " : "") << one_line(name) << "\n";
-      if (line.show) show(load(name));
+      std::cout << (line.show ? "recording " : "") << one_line(name) << std::endl;
+      if (line.show) try {
+          show(load(name));
+        } catch (const Error& error) {
+          spdlog::error("{}: {}", one_line(name), error.what());
+          status = 1;
+        }
     }
-    return 0;
+    return status;
   }
   Traversal traversal = load(chosen_traversal(*dataset, line.source));
   if (line.show) {

@@ -54,8 +54,9 @@ void add_source_options(CLI::App& app, Source& source, const std::string& group)
   const OptionGroup options(app, group);
   add_dataset_options(app, source, group);
   CLI::Option* traversal = app.add_option("--traversal", source.traversal,
-                                          "Traversal to host; A+B: recordings that meet, as one map of streets (with "
-                                          "--rule street)")
+                                          "Traversal to host; NAME-left, NAME-right: NAME as a camera further left or "
+                                          "right would have seen it, unless there is one called so; A+B: recordings "
+                                          "that meet, as one map of streets (with --rule street)")
                                ->capture_default_str();
   app.add_option("--condition", source.condition, "Host the one traversal recorded under this condition")
       ->excludes(traversal);

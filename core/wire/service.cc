@@ -359,12 +359,6 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
       app.parse(argc, argv);
     } catch (const CLI::Success& done) {
       return app.exit(done);
-    } catch (const CLI::ConfigError& error) {
-      const std::string text = error.what(), unknown = "INI was not able to parse ";
-      if (!text.starts_with(unknown)) return complain(text + " (try --help)", 2);
-      return complain(app.get_config_ptr()->as<std::string>() + ": unknown option '" + text.substr(unknown.size()) +
-                          "' (try --help)",
-                      2);
     } catch (const CLI::ParseError& error) {
       return complain(std::string(error.what()) + " (try --help)", 2);
     }

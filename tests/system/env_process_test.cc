@@ -63,6 +63,11 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   const std::string all = output({"--list-traversals", "--show", "--data", folder_.path()}, 0);
   EXPECT_TRUE(contains(all, "matched by index\nrecording b b\ndataset plain\ntraversal b_b\nframes 2\n")) << all;
   EXPECT_EQ(output({"--list-traversals", "--data", folder_.path()}, 0), "a\nb\nb b\n") << "as what it is recognised";
+  write("a.csv", "1\n");
+  const std::string others = output({"--list-traversals", "--show", "--data", folder_.path()}, 1);
+  EXPECT_TRUE(contains(others, "recording a\n")) << others;
+  EXPECT_TRUE(contains(others, "a.csv: has only one frame, a route needs two")) << others;
+  EXPECT_TRUE(contains(others, "recording b b\ndataset plain\ntraversal b_b\n")) << others;
   EXPECT_TRUE(contains(output({"--help-all"}, 0), "--synthetic-frames"));
   EXPECT_FALSE(output({"--version"}, 0).empty());
 }
@@ -95,13 +100,25 @@ TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
 
 TEST_F(EnvProcess, ReadsAConfigurationFileAndRefusesUnknownKeys) {
   const std::string good = write(
-      "good.toml", "traversal = \"night\"\nagents = 3\nsynthetic-frames = 30\nsynthetic-images = 0\ndomain = 45\n");
+      "good.toml",
+      "\xEF\xBB\xBFtraversal = \"night\"\nagents = 3\nsynthetic-frames = 30\nsynthetic-images = 0\ndomain = 45\n");
   const auto service = start({"--config", good}, "good.log");
   ASSERT_TRUE(service->says("traversal night of synthetic, 30 frames x 64 features, 3 agents", seconds(10)))
       << service->output();
   EXPECT_EQ(service->end(SIGTERM, seconds(2)), 0);
-  const std::string bad = write("bad.toml", "agens = 3\n");
-  EXPECT_TRUE(contains(complaint({"--config", bad}, 2), bad + ": unknown option 'agens'"));
+  for (const auto& [text, words] : std::map<std::string, std::string>{
+           {"agens = 3\n", "unknown option 'agens'"},
+           {"[env]\nagents = 3\n", "has a section [env]: write its options without one"},
+           {"agents = 3\ndomain = 4\nagents = 4\n", "agents stands there twice"},
+           {"agents = 4 5\n", "agents has 2 values: give one, in quotes if it is a text"},
+           {"agents = 4\nagents = 4\n", "agents has 2 values: give one, in quotes if it is a text"},
+           {"traversal = a, b\n", "traversal has 2 values: give one, in quotes if it is a text"},
+           {"agents = [4\n", "agents has no value"},
+           {"list = true\n", "list is for the command line alone"},
+           {"agents = 300\n", "--agents: Value 300 not in range 1 to 256"}}) {
+    const std::string bad = write("bad.toml", text);
+    EXPECT_TRUE(contains(complaint({"--config", bad}, 2), bad + ": " + words)) << text;
+  }
   EXPECT_TRUE(contains(complaint({"--config", folder_ / "missing.toml"}, 2), "missing.toml"));
 }
 

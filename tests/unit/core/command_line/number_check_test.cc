@@ -10,11 +10,12 @@
 namespace citylearn::testing {
 namespace {
 
-/// Returns what a program says of one argument; empty if it takes it.
+/// Returns what a program says of one argument, or of an option and an empty value; empty if it takes it.
 std::string said_of(const std::string& argument) {
   CLI::App app;
   double speed = 1, slip = 0, free = 0;
   std::uint64_t steps = 0;
+  std::int64_t change = 0;
   unsigned agents = 1;
   std::string name;
   std::map<std::string, double> parameters;
@@ -22,12 +23,14 @@ std::string said_of(const std::string& argument) {
   app.add_option("--slip", slip)->check(CLI::Range(0.0, 1.0))->type_name("P");
   app.add_option("--free", free);
   app.add_option("--steps", steps);
+  app.add_option("--change", change);
   app.add_option("--agents", agents)->check(CLI::Range(1u, 16u));
   app.add_option("--name", name);
   add_parameters(app, "agent", {{"rate", "of learning", 1, 0, 2}}, parameters);
   check_numbers(app);
   try {
-    app.parse(argument);
+    app.parse(argument.ends_with(' ') ? std::vector<std::string>{"", argument.substr(0, argument.size() - 1)}
+                                      : std::vector<std::string>{argument});
   } catch (const CLI::ParseError& error) {
     return error.what();
   }
@@ -39,6 +42,15 @@ TEST(NumberCheck, NumbersAreNotNan) {
   EXPECT_EQ(said_of("--slip=-NaN"), "--slip: -NaN is not a number");
   EXPECT_EQ(said_of("--free=nan(1)"), "--free: nan(1) is not a number");
   EXPECT_EQ(said_of("--agent-rate=nan"), "--agent-rate: nan is not a number");
+}
+
+/// CLI11 would make 0 of nothing, and the largest number of larger ones.
+TEST(NumberCheck, NumbersAreThereAndFit) {
+  EXPECT_EQ(said_of("--steps "), "--steps: needs a number");
+  EXPECT_EQ(said_of("--free "), "--free: needs a number");
+  EXPECT_EQ(said_of("--steps=18446744073709551616"), "--steps: 18446744073709551616 has more than 64 bits");
+  EXPECT_EQ(said_of("--change=9223372036854775808"), "--change: 9223372036854775808 has more than 64 bits");
+  EXPECT_EQ(said_of("--steps=18446744073709551615") + said_of("--change=-9223372036854775808"), "");
 }
 
 TEST(NumberCheck, CountsAreNotNegative) {
