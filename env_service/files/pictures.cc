@@ -114,6 +114,30 @@ bool without_order(const Names& names, const Numbers& numbers) {
          (numbers[0] >= 1e13L && numbers.back() > 2 * numbers[0]);
 }
 
+/// Returns whether a number in the names is a camera's: a digit that counts from 0 or 1, each beside nearly all of the
+/// other numbers, as in "f_007_0" and "f_007_1".
+bool has_number_of_camera(const Names& names) {
+  const std::string digits = "0123456789";
+  std::vector<std::set<char>> values;         // of each number in a name
+  std::vector<std::set<std::string>> others;  // names without it
+  for (const std::string& name : names)
+    for (std::size_t at = name.find_first_of(digits), number = 0; at != name.npos; ++number) {
+      const std::size_t end = std::min(name.find_first_not_of(digits, at), name.size());
+      values.resize(std::max(values.size(), number + 1));
+      others.resize(values.size());
+      values[number].insert(end - at == 1 ? name[at] : '?');
+      others[number].insert(name.substr(0, at) + "?" + name.substr(end));
+      at = name.find_first_of(digits, end);
+    }
+  for (std::size_t number = 0; number < values.size(); ++number) {
+    const std::size_t count = values[number].size(), first = *values[number].begin(), last = *values[number].rbegin();
+    if (count > 1 && first <= '1' && last - first + 1 == count && others[number].size() > 1 &&
+        9 * others[number].size() * count <= 10 * names.size())
+      return true;
+  }
+  return false;
+}
+
 /// Returns whether names count in two ways, as "DSC_0001" and "IMG_0001" of two cameras, or "7_left" and "7_right".
 bool has_two_counters(const Names& names) {
   std::set<std::string> beginnings, numbers;
@@ -123,7 +147,7 @@ bool has_two_counters(const Names& names) {
     numbers.insert(std::move(name));
   }
   return (beginnings.size() > 1 && beginnings.size() * 2 <= names.size()) ||
-         (names.size() > 3 && numbers.size() * 4 <= names.size() * 3);
+         (names.size() > 3 && numbers.size() * 4 <= names.size() * 3) || has_number_of_camera(names);
 }
 
 bool is_heif_name(const std::string& file) {

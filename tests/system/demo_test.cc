@@ -86,15 +86,17 @@ TEST(Demo, PrintsItsTable) {
 TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
   Folder data;
   const std::string long_name(64, 'x');
-  for (const std::string& name : {std::string("my drive"), std::string("the other  drive"), long_name}) {
+  for (const std::string& name :
+       {std::string("my drive"), std::string("the other  drive"), long_name, std::string("caf\xE9")}) {
     std::string table;
     for (int frame = 0; frame < 80; ++frame)
       table += std::to_string(std::cos(frame)) + "," + std::to_string(std::sin(frame)) + "\n";
     make_file(data / (name + ".csv"), table);
   }
-  Demo demo({"--data", data.path(), "--steps", "1024", "--tasks", "4", "--agent", "features", "--no-dashboard"});
+  Demo demo({"--data", data.path(), "--steps", "1024", "--tasks", "4", "--agent", "features", "--no-dashboard"},
+            own_domain(), {"--frames", "0:80"}, {"LC_ALL=C.UTF-8"});  // in which one name is not a text
   ASSERT_EQ(demo->wait(kLongWait), 0) << demo->output();
-  for (const char* row : {"my_drive +[0-9.]+ ", "the_other__drive +[0-9.]+ ", "\nx{56} +[0-9.]+ "})
+  for (const char* row : {"caf_ +[0-9.]+ ", "my_drive +[0-9.]+ ", "the_other__drive +[0-9.]+ ", "\nx{56} +[0-9.]+ "})
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
   EXPECT_FALSE(fs::exists(demo.output() + "/logs/encoder.log")) << "they are features already";
 }

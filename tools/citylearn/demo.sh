@@ -262,6 +262,7 @@ needs() { [ $# -ge 2 ] && [[ $2 != --* ]] || fail "$1 needs a value"; }
 demo() {
   local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
   local plugins='' aligning=() notes=() slip='' world=() rule=()
+  local -x LC_ALL=C    # names of recordings are bytes: in UTF-8, `read` joins one that is not with the next
   local -A called=()   # what env_services call the traversals
   local dashboard=yes port=0 wait=yes asked=("$@")
   while [ $# -gt 0 ]; do

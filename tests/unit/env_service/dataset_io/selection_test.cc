@@ -98,7 +98,9 @@ TEST_F(Select, WhatACameraFurtherLeftOrRightWouldHaveSeen) {
   EXPECT_TRUE(contains(refusal("b-left", {}), "no traversal 'b-left'"));
   fake.pairs = {{0, 0}, {2, 2}};  // by which it is not aligned to where it comes from
   const Traversal whole = select(fake, "a", {});
+  const Log log;
   const Traversal left = select(fake, "a-left", {.end = 4, .align = "a"}), right = select(fake, "a-right", {});
+  EXPECT_TRUE(log.has("a-left is a as a camera further left would have seen it: there is no recording of this name"));
   EXPECT_EQ(left.name, "a-left");
   EXPECT_EQ(shown(left), (std::vector<int>{0, 1, 2, 3}));
   EXPECT_EQ(right.positions, a.positions);

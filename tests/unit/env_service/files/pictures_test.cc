@@ -133,6 +133,9 @@ TEST(Pictures, TwoCountersAreWarnedOf) {
        "two ways, DSC_0001.JPG to IMG_0001.JPG, and are ordered by name"},
       {{"GOPR0001.JPG", "IMG_0001.JPG", "IMG_0002.JPG", "IMG_0003.JPG"}, "two ways, GOPR0001.JPG to IMG_0003.JPG, "},
       {{"0_left.png", "0_right.png", "1_left.png", "1_right.png"}, "two ways, 0_left.png to 1_right.png, "},
+      {{"f_001_0.png", "f_001_1.png", "f_002_0.png", "f_002_1.png"}, "two ways, f_001_0.png to f_002_1.png, "},
+      {{"cam1_9.png", "cam1_10.png", "cam2_9.png", "cam2_10.png"}, "two ways, cam1_9.png to cam2_10.png, "},
+      {{"0_1.png", "0_2.png", "0_3.png", "1_0.png", "1_1.png"}, ""},
       {{"IMG_0001.JPG", "img_0002.jpg", "IMG_0003.JPG", "IMG_0004_HDR.JPG"}, ""},
       {{"cam1_9.png", "cam1_10.png", "cam2_1.png", "cam2_2.png"}, ""}};
   for (const auto& [names, words] : cases) {
