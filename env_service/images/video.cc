@@ -389,9 +389,9 @@ class VideoFrames : public Images {
       std::transform(times.begin(), times.end(), result.begin(),
                      [&](std::int64_t time) { return static_cast<double>(time - origin) * av_q2d(stream.time_base); });
       const double length = static_cast<double>(track_->format().duration) / AV_TIME_BASE;
-      if (result.back() - result.front() < 0.9 * length - 1)
-        spdlog::warn("{}: its pictures end after {:.1f} of {:.1f} s; it may be cut short", name_,
-                     result.back() - result.front(), length);
+      if (result.back() < 0.9 * length - 1)
+        spdlog::warn("{}: its pictures end after {:.1f} of {:.1f} s; it may be cut short", name_, result.back(),
+                     length);
       return result;
     }
     if (stream.avg_frame_rate.num <= 0 || stream.avg_frame_rate.den <= 0) return {};

@@ -9,6 +9,7 @@
 
 #include "env_service/images/image_sources.h"
 #include "tests/support/files.h"
+#include "tests/support/log.h"
 
 namespace citylearn::testing {
 namespace {
@@ -45,7 +46,9 @@ TEST_P(VideoKinds, ShowTheSamePicturesAtRandomAsInOrder) {
   }
   ASSERT_EQ(run("-i " + film + " -map 0:v:0 -fps_mode passthrough -f rawvideo -pix_fmt bgr24 " + (folder / "raw")), 0);
   const std::string raw = contents(folder / "raw");
+  const Log log;
   const auto images = video_frames(film, folder.path());
+  EXPECT_FALSE(log.has("cut short")) << log.text();
   cv::Mat first = seen(*images, 0);
   const std::size_t size = first.total() * first.elemSize();
   ASSERT_EQ(static_cast<std::size_t>(images->frames()), raw.size() / size);
@@ -81,6 +84,7 @@ INSTANTIATE_TEST_SUITE_P(
         FilmKind{"CutTs", "ts", X264 "-bf 2", "-ss 1.3", "-avoid_negative_ts auto"},
         FilmKind{"CutAvi", "avi", MPEG4, "-ss 1.3", "-avoid_negative_ts auto"},
         FilmKind{"CutMpg", "mpg", "-c:v mpeg2video -q:v 2 -g 12 -bf 2", "-ss 1.3", "-avoid_negative_ts auto"},
+        FilmKind{"BeginsLate", "mp4", X264, "-itsoffset 4", "-avoid_negative_ts auto"},
         FilmKind{"Rotated", "mp4", X264, "", "-metadata:s:v rotate=90"},
         FilmKind{"Vp9", "webm", "-c:v libvpx-vp9 -deadline realtime -cpu-used 8 -b:v 500k -g 24"},
         FilmKind{"Av1", "mkv", "-c:v libsvtav1 -preset 12 -crf 20 -g 24 -pix_fmt yuv420p"},
