@@ -39,12 +39,13 @@ double time_of_day(const Fields& fields, std::size_t index) {
   return std::floor(value / 10000) * 3600 + std::fmod(std::floor(value / 100), 100) * 60 + std::fmod(value, 100);
 }
 
-/// dddmm.mmmm and a hemisphere, in degrees.
+/// Returns dddmm.mmmm and a hemisphere in degrees; kUnknown for anything else, as degrees with decimals.
 double degrees(const Fields& fields, std::size_t index) {
-  const double value = field_number(fields, index), whole = std::floor(value / 100);
+  const double value = field_number(fields, index), whole = std::floor(value / 100), minutes = value - 100 * whole;
   const std::string_view side = index + 1 < fields.size() ? fields[index + 1] : "";
   if (side.size() != 1 || std::string_view("NSEW").find(side) == side.npos) return kUnknown;
-  return (side == "S" || side == "W" ? -1 : 1) * (whole + (value - 100 * whole) / 60);
+  if (fields[index].find_first_not_of("0123456789") < 4 || minutes >= 60) return kUnknown;
+  return (side == "S" || side == "W" ? -1 : 1) * (whole + minutes / 60);
 }
 
 /// What one receiver says, by one kind of sentence.
@@ -57,8 +58,10 @@ struct Receiver {
 }  // namespace
 
 std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broken) {
-  std::map<std::string, Receiver> receivers;         // by kind and talker: "GGA GP"
-  std::vector<std::pair<double, double>> midnights;  // on the clock that goes on over midnight, and since 1970
+  std::map<std::string, Receiver> receivers;  // by kind and talker: "GGA GP"
+  // Midnights on the clock that goes on over them, with how many sentences say when since 1970: some are late to change
+  // the date, or begin with one of their own.
+  std::map<double, std::map<double, int>> midnights;
   double clock = kUnknown;
   // The clock of all sentences, which goes on where the time of day begins anew.
   const auto at = [&](double time) {
@@ -75,8 +78,7 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     const double time = at(time_of_day(fields, 1)), day = std::floor(time / kDay) * kDay;
     if (std::isnan(time)) return;
     const auto dated = [&](const std::string& iso) {
-      const std::pair now(day, read_moment(iso).seconds);
-      if (!std::isnan(now.second) && (midnights.empty() || midnights.back() != now)) midnights.push_back(now);
+      if (const double now = read_moment(iso).seconds; !std::isnan(now)) ++midnights[day][now];
     };
     const double status = field_number(fields, 6);
     const bool rmc = kind == "RMC", fix = rmc ? fields.size() > 9 && fields[2] == "A" : status > 0;
@@ -121,10 +123,13 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     const auto nearest = std::min_element(midnights.begin(), midnights.end(), [&](auto& a, auto& b) {
       return std::abs(a.first - point.time) < std::abs(b.first - point.time);
     });
-    if (nearest != midnights.end())
-      point.time += nearest->second - nearest->first;
-    else
+    if (nearest != midnights.end()) {
+      const auto& told = nearest->second;
+      const auto less = [](auto& a, auto& b) { return a.second < b.second; };
+      point.time += std::max_element(told.begin(), told.end(), less)->first - nearest->first;
+    } else {
       point.time += near - first + std::remainder(first - near, kDay);
+    }
   }
   return points;
 }

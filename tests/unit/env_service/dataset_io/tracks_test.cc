@@ -170,6 +170,19 @@ TEST(Tracks, NmeaOfOneReceiverOverMidnight) {
   // Hours alone: the day is the one nearest to the frames.
   EXPECT_EQ(Read(nmea("GPGGA,235959,0130.0000,N,00200.0000,W,1,05,2.0,5,M,47,M,,"), ".nmea", kNoon - 43190).points,
             "-43201 1.5,-2\n");
+  // The first date is the receiver's own, and that of midnight is a sentence late.
+  text.clear();
+  const std::pair<const char*, const char*> sentences[] = {{"235957", "060180"}, {"235958", "310526"},
+                                                           {"235959", "310526"}, {"000000", "310526"},
+                                                           {"000001", "010626"}, {"000002", "010626"}};
+  for (const auto& [time, day] : sentences)
+    text += nmea("GPRMC," + std::string(time) + ",A,0130.0,N,00200.0,E,0,0," + day + ",,,A");
+  EXPECT_EQ(Read(text, ".nmea").points,
+            "-43203 1.5,2\n-43202 1.5,2\n-43201 1.5,2\n-43200 1.5,2\n-43199 1.5,2\n-43198 1.5,2\n");
+  for (const char* const place : {"0160.0,N,00200.0,E", "-0130.0,N,00200.0,E", "1.5,N,2.5,E", "0130.0,N,2.5,E"})
+    EXPECT_TRUE(contains(Read(nmea("GPGGA,120000," + std::string(place) + ",1,05,2.0,5,M,47,M,,"), ".nmea").error,
+                         "holds no track"))
+        << place << " has no degrees and minutes";
   EXPECT_TRUE(contains(Read(nmea("GPRMC,120000,V,,,,,,,010626,,,N"), ".nmea").error, "holds no track"));
 }
 
