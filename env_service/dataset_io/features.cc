@@ -51,19 +51,22 @@ class Table {
     if (header && (fractions || columns >= 8))
       throw Error("numbers the columns", path_ + ":1", "remove this line, as features have no header");
     for (const std::size_t column : {std::size_t{0}, columns - 1}) {
+      const float mean_step = (first[(frames - 1) * columns + column] - first[column]) / static_cast<float>(frames - 1);
       const bool usual = column == 0 && first[columns] > first[0];
-      bool index = frames > (usual ? 2 : 7), rises = frames > 7, times = true;
+      bool index = frames > (usual ? 2 : 7), rises = frames > 7, times = true, even = frames > 15;
       for (const float* at = first + column + columns; at < first + frames * columns; at += columns) {
         const float before = *(at - columns), step = *at - before;
         index =
             index && std::abs(step) >= 1 && step == first[column + columns] - first[column] && *at == std::floor(*at);
         rises = rises && step >= 1 && before == std::floor(before) && *at == std::floor(*at);
         times = times && step >= 0 && before >= 1e8F;
+        even = even && std::abs(step / mean_step - 1) < 0.5F;
       }
       if (fractions && (index || rises || times))
         throw Error("column " + std::to_string(column + 1) + " has " +
-                        (index || !times ? "the numbers of lines" : "times") + ", not a feature",
+                        (index || rises ? "the numbers of lines" : "times") + ", not a feature",
                     path_, "remove it; of pandas: to_csv(index=False, header=False)");
+      if (even) spdlog::warn("{}: column {} rises or falls evenly, as times do: is it a feature?", path_, column + 1);
     }
   }
 
@@ -120,6 +123,10 @@ class Table {
            "features are numbers between commas, without a header or names");
     }
     if (!std::isfinite(value)) fail("a number that is not finite" + where());
+    const std::string_view digits(at, static_cast<std::size_t>(after - at));
+    if (digits.size() > 1 && digits[0] == '0' && digits[1] >= '0' && digits[1] <= '9')
+      fail("'" + printable(digits) + "'" + where() + " begins with 0, as digits behind a comma within a number do",
+           "write decimals with a point, and thousands without a comma");
     traversal_.features.push_back(value);
     return after;
   }

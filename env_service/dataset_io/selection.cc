@@ -22,6 +22,12 @@ namespace {
 constexpr double kMinMetres = 0.05;  ///< apart
 constexpr double kMove = 0.075;      ///< of a picture's width, to the right where the camera was further left
 
+const std::map<std::string, Correspondence> kWays{{"index", Correspondence::kIndex},
+                                                  {"matches", Correspondence::kMatches},
+                                                  {"distance", Correspondence::kDistance},
+                                                  {"gps", Correspondence::kGps},
+                                                  {"sight", Correspondence::kSight}};
+
 void check(const Selection& selection) {
   if (selection.first < 0 || selection.end <= selection.first) throw Error("no frame in it", "--frames");
   if (!(selection.from < selection.to)) throw Error("no place in it", "--metres");
@@ -73,19 +79,11 @@ std::vector<int> cut(const Traversal& traversal, const Selection& selection) {
 std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Traversal& sibling,
                          const std::vector<int>& frames, const Selection& selection, std::vector<bool>& unmatched) {
   Correspondence by = traversal.streets ? Correspondence::kIndex : dataset.correspondence();
-  if (selection.by == "index") {
-    by = Correspondence::kIndex;
-  } else if (selection.by == "matches") {
-    by = Correspondence::kMatches;
-  } else if (selection.by == "distance") {
-    by = Correspondence::kDistance;
-  } else if (selection.by == "gps") {
-    by = Correspondence::kGps;
-  } else if (selection.by == "sight") {
-    by = Correspondence::kSight;
-  } else if (selection.by != "dataset") {
-    throw Error("unknown way '" + selection.by + "'", "--align-by",
-                "known: dataset, index, matches, distance, gps, sight");
+  if (selection.by != "dataset") {
+    if (!kWays.contains(selection.by))
+      throw Error("unknown way '" + selection.by + "'", "--align-by",
+                  "known: dataset, " + joined(kWays, &decltype(kWays)::value_type::first));
+    by = kWays.at(selection.by);
   }
   SightAlignment alignment;
   if (by == Correspondence::kSight) {

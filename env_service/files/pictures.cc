@@ -114,25 +114,18 @@ bool without_order(const Names& names, const Numbers& numbers) {
          (numbers[0] >= 1e13L && numbers.back() > 2 * numbers[0]);
 }
 
-/// Returns whether a number in the names is a camera's: a digit that counts from 0 or 1, each beside nearly all of the
-/// other numbers, as in "f_007_0" and "f_007_1".
+/// Returns whether the first or last number in the names is a camera's: a digit that counts from 0 or 1, each beside
+/// nearly all of the other numbers, as in "f_007_0" and "f_007_1".
 bool has_number_of_camera(const Names& names) {
-  const std::string digits = "0123456789";
-  std::vector<std::set<char>> values;         // of each number in a name
-  std::vector<std::set<std::string>> others;  // names without it
-  for (const std::string& name : names)
-    for (std::size_t at = name.find_first_of(digits), number = 0; at != name.npos; ++number) {
-      const std::size_t end = std::min(name.find_first_not_of(digits, at), name.size());
-      values.resize(std::max(values.size(), number + 1));
-      others.resize(values.size());
-      values[number].insert(end - at == 1 ? name[at] : '?');
-      others[number].insert(name.substr(0, at) + "?" + name.substr(end));
-      at = name.find_first_of(digits, end);
+  for (const char* form : {"([^0-9]*)([0-9])([^0-9].*)", "(.*[^0-9])([0-9])([^0-9]*)"}) {
+    const std::regex number(form);
+    std::set<std::string> values, others;
+    for (std::size_t i = 0; i < names.size() && values.size() <= 10; ++i) {
+      values.insert(std::regex_replace(names[i], number, "$2"));
+      others.insert(std::regex_replace(names[i], number, "$1$3"));
     }
-  for (std::size_t number = 0; number < values.size(); ++number) {
-    const std::size_t count = values[number].size(), first = *values[number].begin(), last = *values[number].rbegin();
-    if (count > 1 && first <= '1' && last - first + 1 == count && others[number].size() > 1 &&
-        9 * others[number].size() * count <= 10 * names.size())
+    const std::size_t count = values.size(), first = (*values.begin())[0], last = (*values.rbegin())[0];
+    if (count > 1 && first <= '1' && last - first + 1 == count && 9 * others.size() * count <= 10 * names.size())
       return true;
   }
   return false;

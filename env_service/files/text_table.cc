@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/files/text_table.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
@@ -94,9 +95,11 @@ struct TextTable::Impl {
   }
   int find(const std::string& column) const {
     std::erase(unused, column);
-    for (std::size_t i = 0; i < names.size(); ++i)
-      if (names[i] == column) return static_cast<int>(i);
-    return -1;
+    const auto found = std::find(names.begin(), names.end(), column);
+    if (found == names.end()) return -1;
+    if (std::find(found + 1, names.end(), column) != names.end())
+      throw Error("names two columns '" + column + "'", path, "rename one");
+    return static_cast<int>(found - names.begin());
   }
 };
 
@@ -104,6 +107,8 @@ TextTable::TextTable(const std::string& path, const Options& options) {
   auto impl = std::make_shared<Impl>();
   impl->path = path;
   impl->text = read_file(path, kMaxTextBytes);
+  if (impl->text.starts_with("\xFF\xFE") || impl->text.starts_with("\xFE\xFF"))
+    throw Error("is in UTF-16", path, "save it in UTF-8");
   impl->separator = options.separator;
   bool header = options.header;
   each_line(impl->text, [&](std::string_view row, int line) {

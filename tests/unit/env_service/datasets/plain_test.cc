@@ -87,6 +87,11 @@ TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
   EXPECT_EQ(complaint("1,2\n3,1e999\n"), "x.csv:2: a number that is not finite in column 2");
   EXPECT_EQ(complaint("1,2\n3," + std::string(400, '9') + "\n"), "x.csv:2: a number that is not finite in column 2");
   EXPECT_EQ(complaint("1,2\n3," + std::string(400, '9') + "e-2\n"), "x.csv:2: a number that is not finite in column 2");
+  const std::string comma =
+      " begins with 0, as digits behind a comma within a number do (write decimals with a point, "
+      "and thousands without a comma)";
+  EXPECT_EQ(complaint("0,5488,-0,0715\n0,6,0,7\n"), "x.csv:1: '0715' in column 4" + comma);
+  EXPECT_EQ(complaint("1,234\n1,034\n"), "x.csv:2: '034' in column 2" + comma);
   EXPECT_EQ(complaint(""), "x.csv: has no frames");
   EXPECT_EQ(complaint("\n\n"), "x.csv: has no frames");
   EXPECT_EQ(complaint("1,2\n"), "x.csv: has only one frame, a route needs two");
@@ -115,6 +120,12 @@ TEST_F(Plain, HeadersAndIndexesAreNotFeatures) {
             "x.csv: column 2 has the numbers of lines" + of_pandas);
   EXPECT_TRUE(contains(complaint(",0,1\n0,.5,.25\n1,.5,.75\n"), "x.csv:1: nothing in column 1 (features are numbers"));
   EXPECT_TRUE(contains(complaint("000.jpg,.5\n001.jpg,.25\n"), "x.csv:1: '000.jpg' in column 1 is not a number"));
+  std::string times;
+  for (int i = 0; i < 16; ++i) times += std::to_string(.1 * i + .03 * (i % 2)) + "," + std::to_string(i * 7 % 5) + "\n";
+  const Log log;
+  EXPECT_EQ(load(times).dimension, 2);
+  EXPECT_TRUE(log.has("x.csv: column 1 rises or falls evenly, as times do: is it a feature?")) << log.text();
+  EXPECT_FALSE(log.has("column 2"));
   for (const std::string text :
        {"0,1\n2,3\n4,5\n", "0\n1\n2.5\n", "0,.5\n1,.5\n3,.5\n", "0,2\n.5,.5\n", "3,.5\n2,.25\n1,.5\n"})
     EXPECT_GT(load(text).frames, 1) << text;
