@@ -2,6 +2,7 @@
 """env_services for tests in Python."""
 
 import contextlib
+import os
 import signal
 import subprocess
 
@@ -30,6 +31,12 @@ def running(*services, end=signal.SIGKILL):
             process.send_signal(signal.SIGCONT)
             process.send_signal(end)
             process.wait()
+
+
+def put_to_sleep(process):
+    """Stops a process, and returns once it stands: until then it may still answer."""
+    process.send_signal(signal.SIGSTOP)
+    os.waitid(os.P_PID, process.pid, os.WSTOPPED)
 
 
 def env_services(count=2, agents=8, traversal="summer", data=None, **where):

@@ -8,7 +8,7 @@ import unittest
 
 import actors
 from support import DRAWN, ClearErrors, towards_goal, walk
-from actors import DOMAIN, running
+from actors import DOMAIN, put_to_sleep, running
 
 import numpy as np
 
@@ -99,7 +99,7 @@ class Errors(ClearErrors):
         with env_services("cyclonedds") as (service,):
             env = connect("cyclonedds", wait=2)
             env.reset(seed=1)
-            service.send_signal(signal.SIGSTOP)
+            put_to_sleep(service)
             with self.assertRaisesRegex(TimeoutError, "env_service 'env-summer-0': has .* for 2 s"):
                 env.step(np.zeros(4, int))
             with self.assertRaisesRegex(RuntimeError, r"call reset\(\) first"):
@@ -113,7 +113,7 @@ class Errors(ClearErrors):
         with env_services("cyclonedds") as (service,):
             env = connect("cyclonedds")
             env.reset(seed=1)
-            service.send_signal(signal.SIGSTOP)
+            put_to_sleep(service)
             threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
             with self.assertRaises(KeyboardInterrupt):
                 env.step(np.zeros(4, int))
