@@ -44,7 +44,7 @@ void WorkerPool::run(int count, const std::function<void(int)>& work, PieceTime*
   const int mine = take_pieces(lock);
   if (time && mine > 0)
     time->measure(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / mine);
-  done_.wait(lock, [this] { return running_ == 0; });
+  wait(lock, done_, [this] { return running_ == 0; });
   if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
 }
 
@@ -60,11 +60,23 @@ void WorkerPool::start_helpers(int count) {
 void WorkerPool::help() {
   std::unique_lock lock(mutex_);
   while (true) {
-    wake_.wait(lock, [this] { return stop_ || next_ < count_; });
+    wait(lock, wake_, [this] { return stop_ || next_ < count_; });
     if (stop_) return;
     take_pieces(lock);
     if (running_ == 0) done_.notify_one();
   }
+}
+
+/// Waits until something is ready: first awake, because sleeping and being woken takes as long as many a piece does.
+template <class Ready>
+void WorkerPool::wait(std::unique_lock<std::mutex>& lock, std::condition_variable& sign, const Ready& ready) {
+  using Clock = std::chrono::steady_clock;
+  lock.unlock();
+  const auto until = Clock::now() + std::chrono::duration<double>(kMinWork);
+  while (!ready() && Clock::now() < until) {
+  }
+  lock.lock();
+  sign.wait(lock, ready);
 }
 
 /// Does pieces until none is left to begin, and returns how many. The lock is open while a piece is done.
@@ -84,7 +96,7 @@ int WorkerPool::take_pieces(std::unique_lock<std::mutex>& lock) {
     --running_;
     if (!failure) continue;
     if (!failure_) failure_ = failure;
-    next_ = count_;
+    next_ = count_.load();
   }
   return done;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <cstddef>
 #include <exception>
@@ -13,8 +14,8 @@
 namespace citylearn {
 
 /// Does pieces of some work at once, on the caller's thread and on threads of its own. These start when there is first
-/// something for them to do. What a piece computes must not depend on which thread does it, nor when. Used by one
-/// thread.
+/// something for them to do, and look out for more for kMinWork before they sleep. What a piece computes must not
+/// depend on which thread does it, nor when. Used by one thread.
 class WorkerPool {
  public:
   /// The least work of a thread that is woken, seconds: waking one and waiting for it takes a good part of that.
@@ -49,16 +50,18 @@ class WorkerPool {
   void start_helpers(int count);
   void help();
   int take_pieces(std::unique_lock<std::mutex>& lock);
+  template <class Ready>
+  void wait(std::unique_lock<std::mutex>& lock, std::condition_variable& sign, const Ready& ready);
 
   const int threads_;
   std::vector<std::thread> helpers_;
   std::mutex mutex_;
   std::condition_variable wake_, done_;
-  // Of the present work; guarded by mutex_.
+  // Of the present work; changed under mutex_.
   const std::function<void(int)>* work_ = nullptr;
-  int next_ = 0, count_ = 0, running_ = 0;  // pieces
+  std::atomic<int> next_ = 0, count_ = 0, running_ = 0;  // pieces
   std::exception_ptr failure_;
-  bool stop_ = false;
+  std::atomic<bool> stop_ = false;
 };
 
 /// Returns where part `part` of `parts` begins when `total` things are divided evenly; part `parts` begins at the end.
