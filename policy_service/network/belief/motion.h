@@ -93,7 +93,8 @@ class Motion {
   void move_belief(std::uint8_t action, const From& from, To&& to, S never) {
     moved_.resize(from.size());
     move(action, from, moved_);
-    to = (moved_.array() > S(kNegligible)).select(moved_.array().log(), never);
+    to = moved_.array().max(S(kNegligible)).log();  // apart: within select() Eigen takes one logarithm after another
+    to = (moved_.array() > S(kNegligible)).select(to, never);
   }
 
  private:
