@@ -365,16 +365,16 @@ const NetworkRegistry<NetworkScalar>::Registration place_filter_registration({
       return task.streets ? make_street_filter<NetworkScalar>(parameters, task)
                           : std::make_unique<PlaceFilter<NetworkScalar>>(parameters, task);
     },
-    {{"agents", 8},
+    {{"agents", 32},
      {"segment", 64},
-     {"sequence", 64},
+     {"sequence", 16},
      {"steps", 160000},
      {"noise-frame", 0},
      {"noise-place", 1},
      {"streets.noise-place", 3},  // a view is told from more others, and at 1 nothing is left to learn
      {"noise-episode", 1},
-     {"minibatch", 4},
-     {"epochs", 3},
+     {"minibatch", 16},
+     {"epochs", 2},
      {"relabel.epochs", 8},
      {"step-cost", 0.05},
      {"relabel.steps", 40000},

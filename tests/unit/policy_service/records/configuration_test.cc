@@ -149,7 +149,7 @@ TEST(Configuration, IsShownWithoutDds) {
   };
   EXPECT_TRUE(contains(origin_of("--ppo-learning-rate"), "0.006 "));
   EXPECT_TRUE(origin_of("--ppo-learning-rate").ends_with("  recommended by place_filter"));
-  EXPECT_TRUE(contains(origin_of("--trainer-agents"), "8 "));
+  EXPECT_TRUE(contains(origin_of("--trainer-agents"), "32 "));
   EXPECT_TRUE(origin_of("--seed").ends_with("  file " + (folder / "options.toml")));
   EXPECT_TRUE(origin_of("--ppo-gamma").ends_with("  file " + (folder / "options.toml")));
   EXPECT_TRUE(origin_of("--steps").ends_with("  command line"));
