@@ -29,6 +29,9 @@ struct Workspace {
   /// If not 0, no backward pass follows, and the parameters are the same as long as this number is: a network may then
   /// keep what it computed from them, and from a feature vector.
   std::uint64_t fixed = 0;
+  /// Asks backward() for `left` and `right` in the place of the gradient of AgentNetwork::joined_weights().
+  bool joins = false;
+  const Matrix<S>*left = nullptr, *right = nullptr;  ///< rows x TB, cols x TB
   Heads<S> heads;
   Matrix<S> state;  ///< state_size x B, after the last step
 };
@@ -57,6 +60,9 @@ class AgentNetwork {
   /// forward() with the same arguments. No gradient flows into `state`.
   virtual void backward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Workspace<S>& workspace,
                         const Heads<S>& derivative, Vector<S>& gradient) const = 0;
+  /// Returns the weights, if there are any, whose gradient is the sum of left * right' of all workspaces: threads may
+  /// compute parts of it, instead of one for each workspace that is added to the others.
+  virtual Tensor joined_weights() const { return {}; }
   /// Adds to `gradient` for what the network learns beside the loss: its model of the world, from what happened in
   /// training. The heads' derivatives do not reach these parameters.
   virtual void add_model_gradient(const Vector<S>& parameters, const NetworkInputs<S>& inputs,

@@ -5,22 +5,19 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
-#include <numeric>
-#include <span>
-#include <vector>
 
 #include "policy_service/learning/learner.h"
 #include "policy_service/rollout/worker_pool.h"
 
 namespace citylearn {
 
-/// Adam (Kingma & Ba, 2015) on the sum of gradients, scaled down to a length where it is longer. The parameters are
-/// divided into as many parts as there are gradients, for as many threads: what comes out does not depend on timing.
+/// Adam (Kingma & Ba, 2015) on a gradient that is scaled down to a length where it is longer.
 class Adam {
  public:
   struct Options {
     double epsilon = 1e-5;
     double gradient_norm = 0.5;  ///< the gradient's largest length
+    int parts = 1;               ///< of the parameters, for as many threads
   };
 
   Adam(std::ptrdiff_t parameters, const Options& options) : options_(options) {
@@ -28,39 +25,30 @@ class Adam {
     second_moment_.setZero(parameters);
   }
 
-  /// Makes one step. The first of `gradients` becomes their sum, added in their order. Returns its length before it was
-  /// scaled down. One that is not finite changes nothing: it would stay in the parameters for ever.
-  double step(double learning_rate, std::span<Vector<float>> gradients, Vector<float>& parameters,
-              WorkerPool& workers) {
-    const auto parts = static_cast<std::ptrdiff_t>(gradients.size());
-    const auto range = [&](int part, auto& all) {
-      const std::ptrdiff_t begin = part * all.size() / parts, end = (part + 1) * all.size() / parts;
-      return all.segment(begin, end - begin);
-    };
-    squares_.resize(gradients.size());
-    const auto add = [&](int part) {
-      auto sum = range(part, gradients[0]);
-      for (const Vector<float>& other : gradients.subspan(1)) sum += range(part, other);
-      squares_[static_cast<std::size_t>(part)] = static_cast<double>(sum.squaredNorm());
-    };
-    workers.run(static_cast<int>(parts), std::cref(add), &add_time_);
-    const double norm = std::sqrt(std::accumulate(squares_.begin(), squares_.end(), 0.0));
-    if (!std::isfinite(norm)) return norm;
+  /// Makes one step. `norm` is the gradient's length. One that is not finite changes nothing: it would stay in the
+  /// parameters for ever.
+  void step(double learning_rate, const Vector<float>& gradient, double norm, Vector<float>& parameters,
+            WorkerPool& workers) {
+    if (!std::isfinite(norm)) return;
     ++steps_;
     const double correction1 = 1 - std::pow(kBeta1, static_cast<double>(steps_));
     const double correction2 = 1 - std::pow(kBeta2, static_cast<double>(steps_));
     const float scale = static_cast<float>(std::min(1.0, options_.gradient_norm / (norm + 1e-12)));
     const float rate = static_cast<float>(learning_rate / correction1);
     const float spread = static_cast<float>(1 / std::sqrt(correction2)), epsilon = static_cast<float>(options_.epsilon);
+    constexpr std::ptrdiff_t kBlock = 2048;  // numbers that stay in the cache from one line below to the next
     const auto descend = [&](int part) {
-      const auto scaled = range(part, gradients[0]).array() * scale;
-      auto first = range(part, first_moment_).array(), second = range(part, second_moment_).array();
-      first = static_cast<float>(kBeta1) * first + static_cast<float>(1 - kBeta1) * scaled;
-      second = static_cast<float>(kBeta2) * second + static_cast<float>(1 - kBeta2) * scaled.square();
-      range(part, parameters).array() -= rate * first / (second.sqrt() * spread + epsilon);
+      const std::ptrdiff_t size = gradient.size(), end = (part + 1) * size / options_.parts;
+      for (std::ptrdiff_t begin = part * size / options_.parts; begin < end; begin += kBlock) {
+        const auto block = [&](auto& all) { return all.segment(begin, std::min(kBlock, end - begin)).array(); };
+        const auto scaled = block(gradient) * scale;
+        auto first = block(first_moment_), second = block(second_moment_);
+        first = static_cast<float>(kBeta1) * first + static_cast<float>(1 - kBeta1) * scaled;
+        second = static_cast<float>(kBeta2) * second + static_cast<float>(1 - kBeta2) * scaled.square();
+        block(parameters) -= rate * first / (second.sqrt() * spread + epsilon);
+      }
     };
-    workers.run(static_cast<int>(parts), std::cref(descend), &descend_time_);
-    return norm;
+    workers.run(options_.parts, std::cref(descend), &descend_time_);
   }
 
   void save(LearnerState& state) const {
@@ -79,9 +67,8 @@ class Adam {
   static constexpr double kBeta1 = 0.9, kBeta2 = 0.999;
   Options options_;
   Vector<float> first_moment_, second_moment_;
-  std::vector<double> squares_;  // of each part of a gradient
   std::uint64_t steps_ = 0;
-  WorkerPool::PieceTime add_time_, descend_time_;
+  WorkerPool::PieceTime descend_time_;
 };
 
 }  // namespace citylearn

@@ -1,9 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/learning/optimization/gradient_step.h"
 
+#include <cmath>
+#include <numeric>
+#include <utility>
+
 #include "policy_service/learning/optimization/saved_state.h"
+#include "policy_service/network/layers/product.h"
 
 namespace citylearn {
+namespace {
+
+/// Returns what lies before and after a tensor in the flat vector of so many parameters.
+std::vector<Tensor> beside(const Tensor& tensor, std::ptrdiff_t parameters) {
+  const std::ptrdiff_t end = tensor.offset + tensor.rows * tensor.cols;
+  return {{"", tensor.offset, 1, 0}, {"", parameters - end, 1, end}};
+}
+
+}  // namespace
 
 GradientStep::GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task)
     : name_("learner " + name),
@@ -14,21 +28,24 @@ GradientStep::GradientStep(const std::string& name, const Parameters& parameters
       entropy_until_(parameters["entropy-until"]),
       weights_{parameters["value-weight"], parameters["entropy"], parameters["localisation"],
                task.task.streets ? 0 : parameters["orientation"]},  // on streets numbers of places do not say the way
+      joined_(task.network.joined_weights()),
+      separate_(beside(joined_, task.network.parameter_count())),
       shards_(static_cast<std::size_t>(parameters.integer("shards"))),
-      gradients_(shards_.size()),
       workers_(task.workers) {
   Random random{seed_, kInitialise};
   task.network.initialise(random, parameters_);
   adam_ = std::make_unique<Adam>(parameters_.size(),
-                                 Adam::Options{parameters["adam-epsilon"], parameters["gradient-norm"]});
-  for (std::size_t i = 0; i < shards_.size(); ++i) {
-    Shard& shard = shards_[i];
+                                 Adam::Options{parameters["adam-epsilon"], parameters["gradient-norm"],
+                                               parameters.integer("shards")});
+  gradient_.setZero(parameters_.size());
+  for (Shard& shard : shards_) {
     shard.network_ = &task.network;
     shard.parameters_ = &parameters_;
     shard.workspace_ = task.network.make_workspace();
     shard.workspace_->localise = weights_.localisation > 0 || weights_.orientation > 0;
-    shard.gradient_ = &gradients_[i];
-    shard.gradient_->resize(parameters_.size());
+    shard.workspace_->joins = joined_.cols > 0;
+    shard.separate_ = &separate_;
+    shard.gradient_.resize(parameters_.size());
   }
 }
 
@@ -54,44 +71,87 @@ LossWeights GradientStep::weights() const {
   return weights;
 }
 
+void GradientStep::Shard::backward() {
+  for (const Tensor& part : *separate_) gradient_.segment(part.offset, part.rows).setZero();
+  network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_);
+  network_->add_model_gradient(*parameters_, inputs, gradient_);
+  differentiated_ = true;
+}
+
 void GradientStep::begin_step() {
-  for_each_shard([](std::size_t, Shard& shard) {
+  for (Shard& shard : shards_) {
     shard.sums = {};
-    shard.gradient_->setZero();
-  });
+    shard.differentiated_ = false;
+  }
+}
+
+double GradientStep::add_gradients() {
+  const int parts = static_cast<int>(shards_.size());
+  std::vector<double> squares(shards_.size());
+  const auto add = [&](int part) {
+    double& sum = squares[static_cast<std::size_t>(part)];
+    const auto range = [&](std::ptrdiff_t all) {  // of this part: where it begins, and its size
+      const std::ptrdiff_t begin = all * part / parts;
+      return std::pair(begin, all * (part + 1) / parts - begin);
+    };
+    for (const Tensor& tensor : separate_) {
+      const auto [begin, count] = range(tensor.rows);
+      auto total = gradient_.segment(tensor.offset + begin, count);
+      total.setZero();
+      for (const Shard& shard : shards_)
+        if (shard.differentiated_) total += shard.gradient_.segment(tensor.offset + begin, count);
+      sum += static_cast<double>(total.squaredNorm());
+    }
+    const auto [begin, count] = range(joined_.cols);
+    Eigen::Map<Matrix<float>> total(gradient_.data() + joined_.offset + begin * joined_.rows, joined_.rows, count);
+    bool first = true;
+    for (const Shard& shard : shards_) {
+      if (count == 0 || !shard.differentiated_) continue;
+      const Workspace<float>& work = *shard.workspace_;
+      const auto right = work.right->middleRows(begin, count).transpose();
+      if (first)
+        set_product(total, *work.left, right);
+      else
+        add_product(total, *work.left, right);
+      first = false;
+    }
+    if (first) total.setZero();
+    sum += static_cast<double>(total.squaredNorm());
+  };
+  workers_.run(parts, std::cref(add), &add_time_);
+  return std::sqrt(std::accumulate(squares.begin(), squares.end(), 0.0));
 }
 
 void GradientStep::end_step() {
+  double norm = add_gradients();
   // Adam then leaves them alone: moments that were never anything but zero move nothing.
-  for (const Tensor& tensor : frozen_)
-    for (Vector<float>& gradient : gradients_) gradient.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
+  for (const Tensor& tensor : frozen_) gradient_.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
   if (sharing_) average(true);
-  norms_ += adam_->step(learning_rate(), gradients_, parameters_, workers_);
+  if (sharing_ || !frozen_.empty()) norm = static_cast<double>(gradient_.norm());
+  adam_->step(learning_rate(), gradient_, norm, parameters_, workers_);
+  norms_ += norm;
   ++steps_taken_;
   for (const Shard& shard : shards_) sums_ += shard.sums;
 }
 
 bool GradientStep::average(bool mine) {
-  for (std::size_t i = 1; i < gradients_.size(); ++i) {
-    if (mine) gradients_[0] += gradients_[i];
-    gradients_[i].setZero();
-  }
-  const auto size = static_cast<std::size_t>(gradients_[0].size());
+  const auto size = static_cast<std::size_t>(gradient_.size());
   shared_.assign(size + 1, 0.0f);
   if (mine) {
-    std::copy_n(gradients_[0].data(), size, shared_.begin());
+    std::copy_n(gradient_.data(), size, shared_.begin());
     shared_.back() = 1;
   }
   sharing_->sum(shared_);
   const float learners = shared_.back();
   if (learners == 0) return false;
-  gradients_[0] = Eigen::Map<const Vector<float>>(shared_.data(), gradients_[0].size()) / learners;
+  gradient_ = Eigen::Map<const Vector<float>>(shared_.data(), gradient_.size()) / learners;
   return true;
 }
 
 UpdateFigures GradientStep::end_update(std::size_t steps, double samples) {
   // Others may have more minibatches. All stop together.
-  while (sharing_ && average(false)) adam_->step(learning_rate(), gradients_, parameters_, workers_);
+  while (sharing_ && average(false))
+    adam_->step(learning_rate(), gradient_, static_cast<double>(gradient_.norm()), parameters_, workers_);
   UpdateFigures figures;
   figures.policy_loss = sums_.policy / samples;
   figures.value_loss = sums_.value / samples;

@@ -33,17 +33,16 @@ class GradientStep {
       return workspace_->heads;
     }
     const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
-    void backward() {
-      network_->backward(*parameters_, inputs, *workspace_, derivative, *gradient_);
-      network_->add_model_gradient(*parameters_, inputs, *gradient_);
-    }
+    void backward();
 
    private:
     friend class GradientStep;
     const AgentNetwork<float>* network_ = nullptr;
     const Vector<float>* parameters_ = nullptr;
+    const std::vector<Tensor>* separate_ = nullptr;  // the parts of the parameters beside the joined weights
     std::unique_ptr<Workspace<float>> workspace_;
-    Vector<float>* gradient_ = nullptr;
+    Vector<float> gradient_;       // of the separate parts
+    bool differentiated_ = false;  // in this step
   };
 
   GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task);
@@ -100,14 +99,19 @@ class GradientStep {
   double elapsed_ = 0;  // fraction of the run that has passed by the clock
   std::unique_ptr<Adam> adam_;
   std::vector<Tensor> frozen_;
+  const Tensor joined_;
+  const std::vector<Tensor> separate_;
   std::vector<Shard> shards_;
-  std::vector<Vector<float>> gradients_;  // of each
-  LossSums sums_;                         // of this update
+  Vector<float> gradient_;  // of all shards
+  LossSums sums_;           // of this update
   double norms_ = 0, steps_taken_ = 0;
   WorkerPool& workers_;
   GradientSharing* sharing_ = nullptr;
+  WorkerPool::PieceTime add_time_;
   std::vector<float> shared_;  // a gradient, and how many learners have one
 
+  /// Makes the shards' gradients one, in parts, and returns its length.
+  double add_gradients();
   /// Makes this learner's gradient the mean of all that have one at this step. Returns false when none has.
   bool average(bool mine);
   double progress() const {

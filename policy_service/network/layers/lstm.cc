@@ -61,12 +61,13 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
     embedded = embedded.array().tanh();
   append_actions(inputs, work.lstm_input);
 
-  work.input_weights.set_product(work.gates, layout_.view(parameters, input_weights_), work.lstm_input);
+  work.input_weights.set_product(work.gates, layout_.view(parameters, input_weights_),
+                                 work.lstm_input.topRows(hidden_ + extra_));
   work.gates.colwise() += layout_.view(parameters, gate_bias_).col(0);
   const auto recurrent = layout_.view(parameters, recurrent_weights_);
   for (std::ptrdiff_t t = 0; t < inputs.steps; ++t) {
     const std::ptrdiff_t begin = t * agents;
-    auto before_h = work.before_h.middleCols(begin, agents);
+    auto before_h = work.lstm_input.middleCols(begin, agents).bottomRows(cells_);
     auto before_c = work.before_c.middleCols(begin, agents);
     if (t == 0) {
       before_h = state.topRows(cells_);
@@ -157,8 +158,12 @@ void LstmNetwork<S>::backward(const Vector<S>& parameters, const NetworkInputs<S
       if (inputs.first[static_cast<std::size_t>(begin + b)]) work.carried_h.col(b).setZero();
   }
 
-  add_product(layout_.view(gradient, recurrent_weights_), work.gates, work.before_h.transpose());
-  add_product(layout_.view(gradient, input_weights_), work.gates, work.lstm_input.transpose());
+  work.left = &work.gates;
+  work.right = &work.lstm_input;
+  const Tensor joined = joined_weights();
+  if (!work.joins)
+    add_product(Eigen::Map<Matrix<S>>(gradient.data() + joined.offset, joined.rows, joined.cols), work.gates,
+                work.lstm_input.transpose());
   layout_.view(gradient, gate_bias_) += work.gates.rowwise().sum();
   set_product(work.embedded_gradient, layout_.view(parameters, input_weights_).leftCols(hidden_).transpose(),
               work.gates);
@@ -188,9 +193,9 @@ void LstmNetwork<S>::unembed(const Vector<S>& /*parameters*/, const NetworkInput
 
 template <class S>
 void LstmNetwork<S>::resize(Work& work, std::ptrdiff_t agents, std::ptrdiff_t columns) const {
-  work.lstm_input.resize(hidden_ + extra_, columns);
+  work.lstm_input.resize(hidden_ + extra_ + cells_, columns);
   work.gates.resize(4 * cells_, columns);
-  for (Matrix<S>* part : {&work.before_h, &work.before_c, &work.h, &work.c, &work.tanh_c})
+  for (Matrix<S>* part : {&work.before_c, &work.h, &work.c, &work.tanh_c})
     part->resize(cells_, columns);
   work.both.resize(kActions + 1, columns);
   work.state.resize(2 * cells_, agents);
@@ -199,7 +204,7 @@ void LstmNetwork<S>::resize(Work& work, std::ptrdiff_t agents, std::ptrdiff_t co
 
 template <class S>
 void LstmNetwork<S>::append_actions(const NetworkInputs<S>& inputs, Matrix<S>& lstm_input) const {
-  lstm_input.bottomRows(extra_).setZero();
+  lstm_input.middleRows(hidden_, extra_).setZero();
   for (std::ptrdiff_t column = 0; column < lstm_input.cols(); ++column) {
     const std::uint8_t previous = inputs.previous_action[static_cast<std::size_t>(column)];
     if (previous < kActions) lstm_input(hidden_ + previous, column) = 1;

@@ -46,12 +46,18 @@ class LstmNetwork : public AgentNetwork<S> {
   void backward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Workspace<S>& workspace,
                 const Heads<S>& derivative, Vector<S>& gradient) const override;
 
+  /// Returns the weights of all that enters the gates: their two tensors lie one after the other.
+  Tensor joined_weights() const override {
+    const Tensor& inputs = layout_.tensors()[input_weights_];
+    return {"lstm", inputs.rows, inputs.cols + cells_, inputs.offset};
+  }
+
  protected:
   struct Work : Workspace<S> {
     Matrix<S> sensed;                         // sensors x TB
-    Matrix<S> lstm_input;                     // hidden + extra x TB
+    Matrix<S> lstm_input;                     // hidden + extra + cells x TB; the last are h before the step
     Matrix<S> gates;                          // 4 cells x TB: input, forget, output, candidate
-    Matrix<S> before_h, before_c;             // cells x TB: state before the step, zero at an episode's start
+    Matrix<S> before_c;                       // cells x TB: before the step, as h is zero at an episode's start
     Matrix<S> h, c, tanh_c;                   // cells x TB
     Matrix<S> both;                           // 4 x TB: logits and value
     Matrix<S> h_gradient, embedded_gradient;  // cells x TB, hidden x TB

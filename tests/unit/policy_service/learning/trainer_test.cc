@@ -359,14 +359,11 @@ TEST(Adam, AGradientThatIsNotFiniteChangesNothing) {
   Adam adam(2, {});
   WorkerPool workers(1);
   Vector<float> parameters = Vector<float>::Ones(2);
-  const Vector<float> zero = Vector<float>::Zero(2);
-  for (const float wrong : {std::nanf(""), std::numeric_limits<float>::infinity(), 1e30f}) {
-    Vector<float> gradients[] = {Vector<float>::Constant(2, wrong), zero};
-    adam.step(0.1, gradients, parameters, workers);
+  for (const double wrong : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    adam.step(0.1, Vector<float>::Ones(2), wrong, parameters, workers);
     EXPECT_EQ(parameters, Vector<float>::Ones(2)) << wrong;
   }
-  Vector<float> gradients[] = {Vector<float>::Ones(2), zero};
-  EXPECT_NEAR(adam.step(0.1, gradients, parameters, workers), std::sqrt(2.0), 1e-6);
+  adam.step(0.1, Vector<float>::Ones(2), std::sqrt(2.0), parameters, workers);
   EXPECT_LT(parameters.maxCoeff(), 1.0f) << "the next one counts";
 }
 
