@@ -5,8 +5,10 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <span>
 
 #include "policy_service/learning/learner.h"
+#include "policy_service/network/layers/product.h"
 #include "policy_service/rollout/worker_pool.h"
 
 namespace citylearn {
@@ -26,9 +28,9 @@ class Adam {
   }
 
   /// Makes one step. `norm` is the gradient's length. One that is not finite changes nothing: it would stay in the
-  /// parameters for ever.
+  /// parameters for ever. `rounded` gets the parameters in bfloat16, unless it is empty.
   void step(double learning_rate, const Vector<float>& gradient, double norm, Vector<float>& parameters,
-            WorkerPool& workers) {
+            std::span<std::uint16_t> rounded, WorkerPool& workers) {
     if (!std::isfinite(norm)) return;
     ++steps_;
     const double correction1 = 1 - std::pow(kBeta1, static_cast<double>(steps_));
@@ -46,6 +48,8 @@ class Adam {
         first = static_cast<float>(kBeta1) * first + static_cast<float>(1 - kBeta1) * scaled;
         second = static_cast<float>(kBeta2) * second + static_cast<float>(1 - kBeta2) * scaled.square();
         block(parameters) -= rate * first / (second.sqrt() * spread + epsilon);
+        if (!rounded.empty())
+          products::round_to_bfloat16(parameters.data() + begin, std::min(kBlock, end - begin), &rounded[begin]);
       }
     };
     workers.run(options_.parts, std::cref(descend), &descend_time_);

@@ -38,9 +38,11 @@ GradientStep::GradientStep(const std::string& name, const Parameters& parameters
                                  Adam::Options{parameters["adam-epsilon"], parameters["gradient-norm"],
                                                parameters.integer("shards")});
   gradient_.setZero(parameters_.size());
+  round_parameters();
   for (Shard& shard : shards_) {
     shard.network_ = &task.network;
     shard.parameters_ = &parameters_;
+    shard.rounded_ = &rounded_;
     shard.workspace_ = task.network.make_workspace();
     shard.workspace_->localise = weights_.localisation > 0 || weights_.orientation > 0;
     shard.workspace_->joins = joined_.cols > 0;
@@ -71,11 +73,24 @@ LossWeights GradientStep::weights() const {
   return weights;
 }
 
+const Heads<float>& GradientStep::Shard::forward() {
+  const products::RoundedNumbers known(parameters_->data(), *rounded_);
+  network_->forward(*parameters_, inputs, state, *workspace_);
+  return workspace_->heads;
+}
+
 void GradientStep::Shard::backward() {
+  const products::RoundedNumbers known(parameters_->data(), *rounded_);
   for (const Tensor& part : *separate_) gradient_.segment(part.offset, part.rows).setZero();
   network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_);
   network_->add_model_gradient(*parameters_, inputs, gradient_);
   differentiated_ = true;
+}
+
+void GradientStep::round_parameters() {
+  if (used_math() != Math::kOneDnnBfloat16) return;
+  rounded_.resize(static_cast<std::size_t>(parameters_.size()));
+  products::round_to_bfloat16(parameters_.data(), parameters_.size(), rounded_.data());
 }
 
 void GradientStep::begin_step() {
@@ -128,7 +143,7 @@ void GradientStep::end_step() {
   for (const Tensor& tensor : frozen_) gradient_.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
   if (sharing_) average(true);
   if (sharing_ || !frozen_.empty()) norm = static_cast<double>(gradient_.norm());
-  adam_->step(learning_rate(), gradient_, norm, parameters_, workers_);
+  adam_->step(learning_rate(), gradient_, norm, parameters_, rounded_, workers_);
   norms_ += norm;
   ++steps_taken_;
   for (const Shard& shard : shards_) sums_ += shard.sums;
@@ -151,7 +166,7 @@ bool GradientStep::average(bool mine) {
 UpdateFigures GradientStep::end_update(std::size_t steps, double samples) {
   // Others may have more minibatches. All stop together.
   while (sharing_ && average(false))
-    adam_->step(learning_rate(), gradient_, static_cast<double>(gradient_.norm()), parameters_, workers_);
+    adam_->step(learning_rate(), gradient_, static_cast<double>(gradient_.norm()), parameters_, rounded_, workers_);
   UpdateFigures figures;
   figures.policy_loss = sums_.policy / samples;
   figures.value_loss = sums_.value / samples;
@@ -187,6 +202,7 @@ void GradientStep::load(const LearnerState& state) {
   sums_ = {};
   norms_ = steps_taken_ = 0;
   parameters_ = state.tensors.at("parameters");
+  round_parameters();
   adam_->load(state);
 }
 

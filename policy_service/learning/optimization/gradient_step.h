@@ -28,10 +28,7 @@ class GradientStep {
     LossSums sums;            ///< of this step
 
     /// Returns the network's outputs for `inputs`.
-    const Heads<float>& forward() {
-      network_->forward(*parameters_, inputs, state, *workspace_);
-      return workspace_->heads;
-    }
+    const Heads<float>& forward();
     const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
     void backward();
 
@@ -39,6 +36,7 @@ class GradientStep {
     friend class GradientStep;
     const AgentNetwork<float>* network_ = nullptr;
     const Vector<float>* parameters_ = nullptr;
+    std::vector<std::uint16_t>* rounded_ = nullptr;
     const std::vector<Tensor>* separate_ = nullptr;  // the parts of the parameters beside the joined weights
     std::unique_ptr<Workspace<float>> workspace_;
     Vector<float> gradient_;       // of the separate parts
@@ -95,6 +93,7 @@ class GradientStep {
   const LossWeights weights_;
 
   Vector<float> parameters_;
+  std::vector<std::uint16_t> rounded_;  // parameters_ in bfloat16, if products take them so
   std::uint64_t updates_ = 0, steps_ = 0;
   double elapsed_ = 0;  // fraction of the run that has passed by the clock
   std::unique_ptr<Adam> adam_;
@@ -110,6 +109,7 @@ class GradientStep {
   WorkerPool::PieceTime add_time_;
   std::vector<float> shared_;  // a gradient, and how many learners have one
 
+  void round_parameters();
   /// Makes the shards' gradients one, in parts, and returns its length.
   double add_gradients();
   /// Makes this learner's gradient the mean of all that have one at this step. Returns false when none has.

@@ -16,21 +16,23 @@ const dnnl::engine& processor() {
   return engine;
 }
 
-/// Rounds the matrix that is meant, column after column without gaps. oneDNN's own way to transpose and round takes
-/// three times as long.
-void round_as_meant(const products::Factor& a, std::vector<std::uint16_t>& to) {
-  if (!a.transposed) return products::round_to_bfloat16(a, to);
+/// Returns the matrix that is meant in bfloat16, column after column without gaps. oneDNN's own way to transpose and
+/// round takes three times as long.
+std::uint16_t* rounded_as_meant(const products::Factor& a) {
+  thread_local std::vector<std::uint16_t> as_it_lies, as_meant;
+  std::uint16_t* const lies = products::rounded(a, as_it_lies);
+  if (!a.transposed) return lies;
   constexpr std::ptrdiff_t kRows = 128, kCols = 32;  // of a tile that stays in the cache
   using Numbers = Eigen::Matrix<std::uint16_t, Eigen::Dynamic, Eigen::Dynamic>;
-  std::vector<std::uint16_t> tile;
-  to.resize(static_cast<std::size_t>(a.rows * a.cols));
-  Eigen::Map<Numbers> transposed(to.data(), a.cols, a.rows);
+  as_meant.resize(static_cast<std::size_t>(a.rows * a.cols));
+  const Eigen::Map<const Numbers> from(lies, a.rows, a.cols);
+  Eigen::Map<Numbers> to(as_meant.data(), a.cols, a.rows);
   for (std::ptrdiff_t col = 0; col < a.cols; col += kCols)
     for (std::ptrdiff_t row = 0; row < a.rows; row += kRows) {
       const std::ptrdiff_t rows = std::min(kRows, a.rows - row), cols = std::min(kCols, a.cols - col);
-      products::round_to_bfloat16({a.data + col * a.stride + row, rows, cols, a.stride, false}, tile);
-      transposed.block(col, row, cols, rows) = Eigen::Map<const Numbers>(tile.data(), rows, cols).transpose();
+      to.block(col, row, cols, rows) = from.block(row, col, rows, cols).transpose();
     }
+  return as_meant.data();
 }
 
 }  // namespace
@@ -103,7 +105,7 @@ void PackedFactor::multiply(const products::Factor& a, const products::Factor& b
                             std::ptrdiff_t stride) {
   products::prepare_thread();
   thread_local dnnl::stream stream(processor());
-  thread_local std::vector<std::uint16_t> rounded_a, rounded_b;
+  thread_local std::vector<std::uint16_t> rounded_b;
   const bool rounded = used_math() == Math::kOneDnnBfloat16;
   Product& product = product_of({.rows = a.height(),
                                  .inner = a.width(),
@@ -115,17 +117,12 @@ void PackedFactor::multiply(const products::Factor& a, const products::Factor& b
                                  .rounded = rounded,
                                  .adds = adds});
   if (product.weights->stale) {
-    if (rounded) round_as_meant(a, rounded_a);
-    product.plain.set_data_handle(rounded ? static_cast<void*>(rounded_a.data()) : const_cast<float*>(a.data));
+    product.plain.set_data_handle(rounded ? static_cast<void*>(rounded_as_meant(a)) : const_cast<float*>(a.data));
     product.pack.execute(stream, product.plain, product.weights->packed);
     product.weights->stale = false;
   }
-  void* narrow = const_cast<float*>(b.data);  // it is only read
-  if (rounded) {
-    products::round_to_bfloat16(b, rounded_b);
-    narrow = rounded_b.data();
-  }
-  product.narrow.set_data_handle(narrow);
+  product.narrow.set_data_handle(rounded ? static_cast<void*>(products::rounded(b, rounded_b))
+                                         : const_cast<float*>(b.data));  // it is only read
   product.result.set_data_handle(out);
   product.product.execute(stream, product.arguments);
   stream.wait();

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
+#include <functional>
 #include <map>
 #include <oneapi/dnnl/dnnl.hpp>
 #include <tuple>
@@ -22,6 +23,8 @@ namespace {
 // oneDNN takes matrices row after row, so what lies here is the transpose of each for it: out' = b' a'.
 
 std::atomic<Math> chosen_math{Math::kOneDnn};
+thread_local const float* known_numbers = nullptr;  // of RoundedNumbers
+thread_local std::span<std::uint16_t> known_rounded;
 
 /// Products of one thread in bfloat16.
 class Bfloat16Products {
@@ -29,8 +32,8 @@ class Bfloat16Products {
   using Factor = products::Factor;
 
   void multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
-    products::round_to_bfloat16(a, a_);
-    products::round_to_bfloat16(b, b_);
+    std::uint16_t* const rounded_a = products::rounded(a, a_);
+    std::uint16_t* const rounded_b = products::rounded(b, b_);
     const std::ptrdiff_t rows = a.height(), inner = a.width(), cols = b.width();
     using dnnl::memory;
     using Type = memory::data_type;
@@ -51,8 +54,8 @@ class Bfloat16Products {
       known->second = dnnl::matmul({engine_, left, right, result, attributes});
 #endif
     }
-    known->second.execute(stream_, {{DNNL_ARG_SRC, memory(left, engine_, b_.data())},
-                                    {DNNL_ARG_WEIGHTS, memory(right, engine_, a_.data())},
+    known->second.execute(stream_, {{DNNL_ARG_SRC, memory(left, engine_, rounded_b)},
+                                    {DNNL_ARG_WEIGHTS, memory(right, engine_, rounded_a)},
                                     {DNNL_ARG_DST, memory(result, engine_, out)}});
     stream_.wait();
   }
@@ -128,17 +131,29 @@ void products::prepare_thread() {
   static_cast<void>(signal_stack);
 }
 
-void products::round_to_bfloat16(const Factor& from, std::vector<std::uint16_t>& to) {
-  // It never shrinks: what grows anew is filled with zeros first.
-  to.resize(std::max(to.size(), static_cast<std::size_t>(from.rows * from.cols)));
-  for (std::ptrdiff_t col = 0; col < from.cols; ++col) {
-    const float* in = from.data + col * from.stride;
-    std::uint16_t* out = to.data() + col * from.rows;
-    for (std::ptrdiff_t row = 0; row < from.rows; ++row) {
-      const auto bits = std::bit_cast<std::uint32_t>(in[row]);
-      out[row] = static_cast<std::uint16_t>((bits + 0x7fff + (bits >> 16 & 1)) >> 16);
-    }
+void products::round_to_bfloat16(const float* from, std::ptrdiff_t count, std::uint16_t* to) {
+  for (std::ptrdiff_t i = 0; i < count; ++i) {
+    const auto bits = std::bit_cast<std::uint32_t>(from[i]);
+    to[i] = static_cast<std::uint16_t>((bits + 0x7fff + (bits >> 16 & 1)) >> 16);
   }
+}
+
+products::RoundedNumbers::RoundedNumbers(const float* numbers, std::span<std::uint16_t> rounded) {
+  known_numbers = numbers;
+  known_rounded = rounded;
+}
+products::RoundedNumbers::~RoundedNumbers() { known_rounded = {}; }
+
+std::uint16_t* products::rounded(const Factor& from, std::vector<std::uint16_t>& memory) {
+  const std::less_equal<const float*> before;
+  if (from.stride == from.rows && before(known_numbers, from.data) &&
+      before(from.data + from.rows * from.cols, known_numbers + known_rounded.size()))
+    return &known_rounded[static_cast<std::size_t>(from.data - known_numbers)];
+  // It never shrinks: what grows anew is filled with zeros first.
+  memory.resize(std::max(memory.size(), static_cast<std::size_t>(from.rows * from.cols)));
+  for (std::ptrdiff_t col = 0; col < from.cols; ++col)
+    round_to_bfloat16(from.data + col * from.stride, from.rows, memory.data() + col * from.rows);
+  return memory.data();
 }
 
 void products::multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {

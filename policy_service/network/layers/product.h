@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -56,8 +57,21 @@ Factor factor(const Eigen::Transpose<D>& m) {
 bool by_onednn(std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff_t cols);
 /// Readies the calling thread for oneDNN; products do so themselves.
 void prepare_thread();
-/// Rounds to the nearest numbers of 8 bits, column after column without gaps.
-void round_to_bfloat16(const Factor& from, std::vector<std::uint16_t>& to);
+/// Rounds so many numbers to the nearest ones of 8 bits.
+void round_to_bfloat16(const float* from, std::ptrdiff_t count, std::uint16_t* to);
+/// Returns a matrix in bfloat16 as it lies there, column after column without gaps: in `memory`, or in what
+/// RoundedNumbers have of it.
+std::uint16_t* rounded(const Factor& from, std::vector<std::uint16_t>& memory);
+
+/// While it exists, products of this thread find these numbers, which stay as they are, in `rounded` in bfloat16.
+class RoundedNumbers {
+ public:
+  RoundedNumbers(const float* numbers, std::span<std::uint16_t> rounded);
+  ~RoundedNumbers();
+  RoundedNumbers(const RoundedNumbers&) = delete;
+  RoundedNumbers& operator=(const RoundedNumbers&) = delete;
+};
+
 /// out = keep * out + a * b.
 void multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride);
 

@@ -360,10 +360,10 @@ TEST(Adam, AGradientThatIsNotFiniteChangesNothing) {
   WorkerPool workers(1);
   Vector<float> parameters = Vector<float>::Ones(2);
   for (const double wrong : {std::nan(""), std::numeric_limits<double>::infinity()}) {
-    adam.step(0.1, Vector<float>::Ones(2), wrong, parameters, workers);
+    adam.step(0.1, Vector<float>::Ones(2), wrong, parameters, {}, workers);
     EXPECT_EQ(parameters, Vector<float>::Ones(2)) << wrong;
   }
-  adam.step(0.1, Vector<float>::Ones(2), std::sqrt(2.0), parameters, workers);
+  adam.step(0.1, Vector<float>::Ones(2), std::sqrt(2.0), parameters, {}, workers);
   EXPECT_LT(parameters.maxCoeff(), 1.0f) << "the next one counts";
 }
 
