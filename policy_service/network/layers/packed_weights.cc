@@ -24,13 +24,15 @@ std::uint16_t* rounded_as_meant(const products::Factor& a) {
   if (!a.transposed) return lies;
   constexpr std::ptrdiff_t kRows = 128, kCols = 32;  // of a tile that stays in the cache
   using Numbers = Eigen::Matrix<std::uint16_t, Eigen::Dynamic, Eigen::Dynamic>;
+  using Tile = Eigen::Matrix<std::uint16_t, Eigen::Dynamic, Eigen::Dynamic, 0, kRows, kCols>;
   as_meant.resize(static_cast<std::size_t>(a.rows * a.cols));
   const Eigen::Map<const Numbers> from(lies, a.rows, a.cols);
   Eigen::Map<Numbers> to(as_meant.data(), a.cols, a.rows);
   for (std::ptrdiff_t col = 0; col < a.cols; col += kCols)
     for (std::ptrdiff_t row = 0; row < a.rows; row += kRows) {
       const std::ptrdiff_t rows = std::min(kRows, a.rows - row), cols = std::min(kCols, a.cols - col);
-      to.block(col, row, cols, rows) = from.block(row, col, rows, cols).transpose();
+      const Tile tile = from.block(row, col, rows, cols);
+      to.block(col, row, cols, rows) = tile.transpose();
     }
   return as_meant.data();
 }
