@@ -73,7 +73,6 @@ class Ppo : public Learner {
  private:
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
     const float share = 1.0f / static_cast<float>(chosen.size() * static_cast<std::size_t>(rollouts[0]->sequence));
-    gradient_step_.begin_step();
     gradient_step_.for_each_shard([&](std::size_t which, GradientStep::Shard& shard) {
       PpoSamples<float>& samples = samples_[which];
       if (!gather(rollouts, shard_of(chosen, which, gradient_step_.shards()), shard, samples)) return;

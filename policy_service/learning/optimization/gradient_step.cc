@@ -9,15 +9,6 @@
 #include "policy_service/network/layers/product.h"
 
 namespace citylearn {
-namespace {
-
-/// Returns what lies before and after a tensor in the flat vector of so many parameters.
-std::vector<Tensor> beside(const Tensor& tensor, std::ptrdiff_t parameters) {
-  const std::ptrdiff_t end = tensor.offset + tensor.rows * tensor.cols;
-  return {{"", tensor.offset, 1, 0}, {"", parameters - end, 1, end}};
-}
-
-}  // namespace
 
 GradientStep::GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task)
     : name_("learner " + name),
@@ -29,24 +20,20 @@ GradientStep::GradientStep(const std::string& name, const Parameters& parameters
       weights_{parameters["value-weight"], parameters["entropy"], parameters["localisation"],
                task.task.streets ? 0 : parameters["orientation"]},  // on streets numbers of places do not say the way
       joined_(task.network.joined_weights()),
-      separate_(beside(joined_, task.network.parameter_count())),
       shards_(static_cast<std::size_t>(parameters.integer("shards"))),
       workers_(task.workers) {
   Random random{seed_, kInitialise};
   task.network.initialise(random, parameters_);
-  adam_ = std::make_unique<Adam>(parameters_.size(),
-                                 Adam::Options{parameters["adam-epsilon"], parameters["gradient-norm"],
-                                               parameters.integer("shards")});
+  const Adam::Options options{parameters["adam-epsilon"], parameters["gradient-norm"], parameters.integer("shards")};
+  adam_ = std::make_unique<Adam>(parameters_.size(), options);
   gradient_.setZero(parameters_.size());
   round_parameters();
   for (Shard& shard : shards_) {
     shard.network_ = &task.network;
     shard.parameters_ = &parameters_;
-    shard.rounded_ = &rounded_;
     shard.workspace_ = task.network.make_workspace();
     shard.workspace_->localise = weights_.localisation > 0 || weights_.orientation > 0;
     shard.workspace_->joins = joined_.cols > 0;
-    shard.separate_ = &separate_;
     shard.gradient_.resize(parameters_.size());
   }
 }
@@ -73,68 +60,40 @@ LossWeights GradientStep::weights() const {
   return weights;
 }
 
-const Heads<float>& GradientStep::Shard::forward() {
-  const products::RoundedNumbers known(parameters_->data(), *rounded_);
-  network_->forward(*parameters_, inputs, state, *workspace_);
-  return workspace_->heads;
-}
-
-void GradientStep::Shard::backward() {
-  const products::RoundedNumbers known(parameters_->data(), *rounded_);
-  for (const Tensor& part : *separate_) gradient_.segment(part.offset, part.rows).setZero();
-  network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_);
-  network_->add_model_gradient(*parameters_, inputs, gradient_);
-  differentiated_ = true;
-}
-
 void GradientStep::round_parameters() {
   if (used_math() != Math::kOneDnnBfloat16) return;
   rounded_.resize(static_cast<std::size_t>(parameters_.size()));
   products::round_to_bfloat16(parameters_.data(), parameters_.size(), rounded_.data());
 }
 
-void GradientStep::begin_step() {
-  for (Shard& shard : shards_) {
-    shard.sums = {};
-    shard.differentiated_ = false;
-  }
-}
-
 double GradientStep::add_gradients() {
   const int parts = static_cast<int>(shards_.size());
-  std::vector<double> squares(shards_.size());
+  squares_.assign(shards_.size(), 0);
   const auto add = [&](int part) {
-    double& sum = squares[static_cast<std::size_t>(part)];
     const auto range = [&](std::ptrdiff_t all) {  // of this part: where it begins, and its size
       const std::ptrdiff_t begin = all * part / parts;
       return std::pair(begin, all * (part + 1) / parts - begin);
     };
-    for (const Tensor& tensor : separate_) {
-      const auto [begin, count] = range(tensor.rows);
-      auto total = gradient_.segment(tensor.offset + begin, count);
+    double& sum = squares_[static_cast<std::size_t>(part)];
+    for (const std::size_t side : {0, 1}) {
+      const auto [begin, count] = range(beside(joined_, gradient_)[side].size());
+      auto total = beside(joined_, gradient_)[side].segment(begin, count);
       total.setZero();
-      for (const Shard& shard : shards_)
-        if (shard.differentiated_) total += shard.gradient_.segment(tensor.offset + begin, count);
+      for (Shard& shard : shards_)
+        if (shard.differentiated_) total += beside(joined_, shard.gradient_)[side].segment(begin, count);
       sum += static_cast<double>(total.squaredNorm());
     }
     const auto [begin, count] = range(joined_.cols);
+    if (count == 0) return;
     Eigen::Map<Matrix<float>> total(gradient_.data() + joined_.offset + begin * joined_.rows, joined_.rows, count);
-    bool first = true;
-    for (const Shard& shard : shards_) {
-      if (count == 0 || !shard.differentiated_) continue;
-      const Workspace<float>& work = *shard.workspace_;
-      const auto right = work.right->middleRows(begin, count).transpose();
-      if (first)
-        set_product(total, *work.left, right);
-      else
-        add_product(total, *work.left, right);
-      first = false;
-    }
-    if (first) total.setZero();
+    total.setZero();
+    for (const Shard& shard : shards_)
+      if (shard.differentiated_)
+        add_product(total, *shard.workspace_->left, shard.workspace_->right->middleRows(begin, count).transpose());
     sum += static_cast<double>(total.squaredNorm());
   };
   workers_.run(parts, std::cref(add), &add_time_);
-  return std::sqrt(std::accumulate(squares.begin(), squares.end(), 0.0));
+  return std::sqrt(std::accumulate(squares_.begin(), squares_.end(), 0.0));
 }
 
 void GradientStep::end_step() {
@@ -146,7 +105,10 @@ void GradientStep::end_step() {
   adam_->step(learning_rate(), gradient_, norm, parameters_, rounded_, workers_);
   norms_ += norm;
   ++steps_taken_;
-  for (const Shard& shard : shards_) sums_ += shard.sums;
+  for (Shard& shard : shards_) {
+    sums_ += std::exchange(shard.sums, {});
+    shard.differentiated_ = false;
+  }
 }
 
 bool GradientStep::average(bool mine) {

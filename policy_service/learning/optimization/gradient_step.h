@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <functional>
 #include <memory>
 #include <span>
@@ -28,18 +29,24 @@ class GradientStep {
     LossSums sums;            ///< of this step
 
     /// Returns the network's outputs for `inputs`.
-    const Heads<float>& forward();
+    const Heads<float>& forward() {
+      network_->forward(*parameters_, inputs, state, *workspace_);
+      return workspace_->heads;
+    }
     const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
-    void backward();
+    void backward() {
+      for (auto part : beside(network_->joined_weights(), gradient_)) part.setZero();
+      network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_);
+      network_->add_model_gradient(*parameters_, inputs, gradient_);
+      differentiated_ = true;
+    }
 
    private:
     friend class GradientStep;
     const AgentNetwork<float>* network_ = nullptr;
     const Vector<float>* parameters_ = nullptr;
-    std::vector<std::uint16_t>* rounded_ = nullptr;
-    const std::vector<Tensor>* separate_ = nullptr;  // the parts of the parameters beside the joined weights
     std::unique_ptr<Workspace<float>> workspace_;
-    Vector<float> gradient_;       // of the separate parts
+    Vector<float> gradient_;       // of all but the joined weights
     bool differentiated_ = false;  // in this step
   };
 
@@ -59,6 +66,7 @@ class GradientStep {
   template <class Work>
   void for_each_shard(const Work& work) {
     const auto one = [&](int which) {
+      const products::RoundedNumbers known(parameters_.data(), rounded_);
       work(static_cast<std::size_t>(which), shards_[static_cast<std::size_t>(which)]);
     };
     workers_.run(static_cast<int>(shards_.size()), std::cref(one));
@@ -69,9 +77,7 @@ class GradientStep {
   void share(GradientSharing* sharing) { sharing_ = sharing; }
   /// Does what Learner::set_progress() says.
   void set_progress(double fraction) { elapsed_ = std::min(1.0, fraction); }
-  /// Begins a minibatch; call it before the first for_each_shard().
-  void begin_step();
-  /// Ends it with one step of Adam.
+  /// Ends a minibatch with one step of Adam.
   void end_step();
   /// Ends an update that learned from so many environment steps and returns its figures, means over `samples`.
   UpdateFigures end_update(std::size_t steps, double samples);
@@ -87,6 +93,11 @@ class GradientStep {
   void load(const LearnerState& state);
 
  private:
+  /// Returns the parts of a flat vector before and after a tensor.
+  static std::array<Eigen::VectorBlock<Vector<float>>, 2> beside(const Tensor& tensor, Vector<float>& flat) {
+    return {flat.head(tensor.offset), flat.tail(flat.size() - tensor.offset - tensor.rows * tensor.cols)};
+  }
+
   const std::string name_;
   const std::uint64_t seed_;
   const double total_steps_, learning_rate_, learning_rate_end_, entropy_until_;
@@ -99,10 +110,10 @@ class GradientStep {
   std::unique_ptr<Adam> adam_;
   std::vector<Tensor> frozen_;
   const Tensor joined_;
-  const std::vector<Tensor> separate_;
   std::vector<Shard> shards_;
-  Vector<float> gradient_;  // of all shards
-  LossSums sums_;           // of this update
+  Vector<float> gradient_;       // of all shards
+  std::vector<double> squares_;  // of each part of it
+  LossSums sums_;                // of this update
   double norms_ = 0, steps_taken_ = 0;
   WorkerPool& workers_;
   GradientSharing* sharing_ = nullptr;

@@ -37,7 +37,6 @@ class VtraceGradientStep {
   template <class Gather>
   void learn(double samples, const Gather& gather) {
     const LossWeights weights = gradient_step_.weights();
-    gradient_step_.begin_step();
     gradient_step_.for_each_shard([&](std::size_t which, GradientStep::Shard& shard) {
       Part& part = parts_[which];
       TrajectoryBatch<float>& trajectories = part.trajectories;

@@ -195,8 +195,7 @@ template <class S>
 void LstmNetwork<S>::resize(Work& work, std::ptrdiff_t agents, std::ptrdiff_t columns) const {
   work.lstm_input.resize(hidden_ + extra_ + cells_, columns);
   work.gates.resize(4 * cells_, columns);
-  for (Matrix<S>* part : {&work.before_c, &work.h, &work.c, &work.tanh_c})
-    part->resize(cells_, columns);
+  for (Matrix<S>* part : {&work.before_c, &work.h, &work.c, &work.tanh_c}) part->resize(cells_, columns);
   work.both.resize(kActions + 1, columns);
   work.state.resize(2 * cells_, agents);
   if (work.localise) work.heads.auxiliary.resize(2, columns);

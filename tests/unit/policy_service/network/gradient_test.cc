@@ -81,6 +81,17 @@ TEST_P(Gradients, AgreeWithCentralDifferences) {
   Vector<double> gradient = Vector<double>::Zero(parameters.size());
   network->backward(parameters, inputs, *workspace, derivative, gradient);
 
+  const Tensor joined = network->joined_weights();
+  if (joined.cols > 0) {
+    workspace->joins = true;
+    network->forward(parameters, inputs, state, *workspace);
+    Vector<double> others = Vector<double>::Zero(parameters.size());
+    network->backward(parameters, inputs, *workspace, derivative, others);
+    auto left_out = others.segment(joined.offset, joined.rows * joined.cols);
+    EXPECT_TRUE(left_out.isZero(0));
+    left_out = (*workspace->left * workspace->right->transpose()).reshaped();
+    EXPECT_TRUE(others.isApprox(gradient, 1e-12));
+  }
   for (const Tensor& tensor : network->tensors()) {
     double largest_error = 0, largest = 0;
     const std::ptrdiff_t told = tensor.offset == 0 && !task.streets ? small_network(GetParam().network).told : 0;

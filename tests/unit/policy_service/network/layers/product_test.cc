@@ -138,6 +138,17 @@ TEST(Product, RoundsLargeFactorsToBfloat16Alone) {
   add_product(out.topRows(130), at.transpose(), bt.transpose());
   error_is("both transposed, added", right + before);
 
+  {
+    std::vector<std::uint16_t> twos(static_cast<std::size_t>(a.size()), 0x4000);
+    const products::RoundedNumbers known(a.data(), twos);
+    set_product(out.topRows(130), a, b);
+    EXPECT_LT(error(out.topRows(130), Floats::Constant(130, 257, 2) * b), 4e-3F);
+    set_product(out.topRows(130), Floats(a), b);
+    error_is("a copy, which is not known", right);
+  }
+  set_product(out.topRows(130), a, b);
+  error_is("known no longer", right);
+
   const Floats narrow = b.leftCols(8);
   set_product(out, a, narrow);
   EXPECT_LT(error(out, a * narrow), 1e-6F);
