@@ -23,7 +23,7 @@ describe('training', () => {
 
   it('the mean of the seeds stays the same when a seed is hidden', async () => {
     const { page } = await stage.page(ended());
-    const mean = await eventually(() => curve(page, /^SPL/), (label) => label.includes('mean of 3: last 0.'));
+    const mean = await eventually(() => curve(page, /^SPL/), (label) => label.includes('mean of 3: last'));
     const csv = async (): Promise<string[]> => (await saved(page, 'Download SPL as CSV'))[1].trim().split('\r\n');
     const before = await csv();
     await page.getByRole('checkbox', { name: /^seed 3/ }).click();
@@ -48,12 +48,12 @@ describe('training', () => {
 
   it('has other axes, and smoothing', async () => {
     const { page, complaints } = await stage.page(ended());
-    const reward = (): Promise<string> => curve(page, /^Reward/);
-    const smoothed = await eventually(reward, (label) => label.includes('mean of 3: last'));
+    const entropy = (): Promise<string> => curve(page, /^Entropy/);
+    const smoothed = await eventually(entropy, (label) => label.includes('mean of 3: last'));
     await page.getByRole('slider', { name: /Smoothing/ }).fill('0');
-    await eventually(reward, (now) => now !== smoothed);
+    await eventually(entropy, (now) => now !== smoothed);
     await page.getByRole('radio', { name: 'Time' }).check({ force: true });
-    await expect.poll(reward).toContain('over wall time');
+    await expect.poll(entropy).toContain('over wall time');
     expect(complaints).toEqual([]);
     expect(await violations(page)).toEqual([]);
   });
