@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <functional>
 #include <memory>
 #include <span>
@@ -10,7 +9,7 @@
 #include <vector>
 
 #include "policy_service/learning/optimization/adam.h"
-#include "policy_service/learning/optimization/loss_parts.h"
+#include "policy_service/learning/optimization/gradient_shard.h"
 #include "policy_service/learning/optimization/random_streams.h"
 
 namespace citylearn {
@@ -20,35 +19,7 @@ namespace citylearn {
 /// on that of threads nor on timing.
 class GradientStep {
  public:
-  /// A part of a minibatch. A learner fills inputs and state, then forward(), then derivative, then backward().
-  class Shard {
-   public:
-    NetworkInputs<float> inputs;
-    Matrix<float> state;      ///< before the first step
-    Heads<float> derivative;  ///< of the loss, by the heads
-    LossSums sums;            ///< of this step
-
-    /// Returns the network's outputs for `inputs`.
-    const Heads<float>& forward() {
-      network_->forward(*parameters_, inputs, state, *workspace_);
-      return workspace_->heads;
-    }
-    const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
-    void backward() {
-      for (auto part : beside(network_->joined_weights(), gradient_)) part.setZero();
-      network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_);
-      network_->add_model_gradient(*parameters_, inputs, gradient_);
-      differentiated_ = true;
-    }
-
-   private:
-    friend class GradientStep;
-    const AgentNetwork<float>* network_ = nullptr;
-    const Vector<float>* parameters_ = nullptr;
-    std::unique_ptr<Workspace<float>> workspace_;
-    Vector<float> gradient_;       // of all but the joined weights
-    bool differentiated_ = false;  // in this step
-  };
+  using Shard = GradientShard;
 
   GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task);
   GradientStep(const GradientStep&) = delete;  // the shards look at the parameters
@@ -93,11 +64,6 @@ class GradientStep {
   void load(const LearnerState& state);
 
  private:
-  /// Returns the parts of a flat vector before and after a tensor.
-  static std::array<Eigen::VectorBlock<Vector<float>>, 2> beside(const Tensor& tensor, Vector<float>& flat) {
-    return {flat.head(tensor.offset), flat.tail(flat.size() - tensor.offset - tensor.rows * tensor.cols)};
-  }
-
   const std::string name_;
   const std::uint64_t seed_;
   const double total_steps_, learning_rate_, learning_rate_end_, entropy_until_;
