@@ -2,10 +2,12 @@
 // What holds between a writer and a reader of either vendor: who is gone is noticed, and what does not match is told.
 #include <dds/dds.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
+#include <limits>
 #include <thread>
 
 #include "core/dds/middleware.h"
@@ -161,6 +163,32 @@ TEST_P(Pairs, AHandlerAnswersWhileAnotherThreadWaits) {
   EXPECT_TRUE(ask_until(kFail, [&] { return failed > 0; }));
   ended = 1;
   waiting.join();
+}
+
+// Fast DDS wakes a second thread for each sample if it is to end a time of no length in which requests are ignored.
+TEST_P(Pairs, ASampleWakesOneThread) {
+  const auto publisher = writing_->create_publisher(topic(Profile::kCommand));
+  const auto subscription = reading_->create_subscription(topic(Profile::kCommand));
+  ASSERT_TRUE(eventually_both([&] { return publisher->matched() == 1 && subscription->matched() == 1; }));
+  Bytes sample(16), heard;
+  sample[1] = std::byte{1};  // CDR_LE
+  const auto sleeps = [] {
+    rusage used{};
+    ::getrusage(RUSAGE_SELF, &used);
+    return used.ru_nvcsw;
+  };
+  constexpr int kSamples = 200;
+  long fewest = std::numeric_limits<long>::max();  // other work on the machine makes threads wait for each other
+  const Clock::time_point deadline = Clock::now() + kMaxWait;
+  for (int round = 0; round < 10; ++round) {
+    const long before = sleeps();
+    for (int i = 0; i < kSamples; ++i) {
+      publisher->publish(sample);
+      while (!subscription->take(heard)) ASSERT_TRUE(Clock::now() < deadline) << "round " << round << ", sample " << i;
+    }
+    fewest = std::min(fewest, sleeps() - before);
+  }
+  EXPECT_LT(fewest, 3 * kSamples / 2);
 }
 
 /// An endpoint of a program that has set its quality of service itself, in Cyclone DDS without our settings of it.
