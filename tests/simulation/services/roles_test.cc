@@ -173,7 +173,8 @@ TEST(Actor, ALateOrderToServeDoesNotUndoARelease) {
 TEST(Roles, ALearnerSaysWhenItsUpdatesAreTooSmallForItsActors) {
   Learning run("simulated");
   const auto summer = run.trial.env("summer", {"--agents", "256"});
-  const auto learner = run.learner(100000);
+  const auto learner = run.trial.policy(
+      {"--role", "learner", "--steps", "10000000", "--trainer-agents", "4", "--tasks", "10", "--evaluate", "summer"});
   const auto actor = run.actor("a");
   EXPECT_TRUE(learner->says("of an update. Raise --trainer-agents", kWholeRun)) << learner->output();
   EXPECT_EQ(learner->end(SIGTERM, seconds(5)), 130);
