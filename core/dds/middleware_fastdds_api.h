@@ -49,8 +49,8 @@ inline std::int32_t number_of(ReturnCode code) { return code; }
 #endif
 
 /// Makes a writer send heartbeats with this period (ns) and repair losses at once: with the defaults (3 s heartbeats,
-/// 5 ms answers) each lost packet costs that much. After a sample a request for it is ignored for up to a quarter of the
-/// period. If it were for no time, a thread of Fast DDS would be woken for each sample, to end that time.
+/// 5 ms answers) each lost packet costs that much. After a sample a request for it is ignored for up to a quarter of
+/// the period. If it were for no time, a thread of Fast DDS would be woken for each sample, to end that time.
 inline void repair_at_once(dds::DataWriterQos& qos, std::uint32_t heartbeat) {
   auto& times = qos.reliable_writer_qos().times;
 #if CITYLEARN_FASTDDS_RELEASE == 2
