@@ -3,13 +3,13 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
+#include <type_traits>
 
 #include "core/files/json.h"
 #include "core/task/path.h"
 #include "core/util/text.h"
 #include "dashboard/api/api.h"
 #include "dashboard/api/parameters.h"
-#include "dashboard/api/tables.h"
 #include "dashboard/live/json.h"
 
 namespace citylearn {
@@ -43,6 +43,45 @@ Json positions_of(const StoreReader::Replay& replay, const RouteMap* map) {
     positions.push_back(frame = states.after(frame, static_cast<std::uint8_t>(action_at(*replay.path, step)), 1));
   return positions;
 }
+
+// Tables are written by hand: a run may have a million rows.
+
+/// Appends a float, or null where there is none.
+void append_float(std::string& text, double value) {
+  if (std::isfinite(value))
+    append_number(text, static_cast<float>(value));
+  else
+    text += "null";
+}
+
+/// Appends a training figure; null where it is undefined.
+void append_figure(std::string& text, const TrainingFigure& figure, double value) {
+  if (std::isfinite(value) && figure.type == TrainingFigure::kCount)
+    append_number(text, static_cast<std::int64_t>(value));
+  else if (std::isfinite(value) && figure.type == TrainingFigure::kDouble)
+    append_number(text, value);
+  else
+    append_float(text, value);
+}
+
+/// Appends the fields of an episode as a JSON object without its last brace.
+struct EpisodeFields {
+  std::string& text;
+  bool first = true;
+  template <class Value>
+  void operator()(const char* name, const char*, const Value& value) {
+    text += std::string(first ? "{\"" : ",\"") + name + "\":";
+    first = false;
+    if constexpr (std::is_same_v<Value, std::string>)
+      text += text_of(value);
+    else if constexpr (std::is_same_v<Value, bool>)
+      text += value ? "true" : "false";
+    else if constexpr (std::is_same_v<Value, float>)
+      append_float(text, value);
+    else
+      append_number(text, value);
+  }
+};
 
 }  // namespace
 
@@ -171,9 +210,7 @@ Answer Api::training(const RunRow& row, const Query& query) {
   const Decimator rows = reader->training(wanted, static_cast<std::size_t>(points));
   Answer answer;
   std::string& text = answer.body;
-  text = "{\"id\":";
-  append_json(text, row.name);
-  text += ",\"x\":\"" + x + "\",\"total\":";
+  text = "{\"id\":" + text_of(row.name) + ",\"x\":\"" + x + "\",\"total\":";
   append_number(text, rows.total());
   text += std::string(",\"decimated\":") + (rows.decimated() ? "true" : "false") + ",\"columns\":{";
   const std::size_t width = wanted.columns.size() + 1;
@@ -218,7 +255,8 @@ Answer Api::episodes(const RunRow& row, const Query& query) {
   for (const EpisodeRow& one : reader->episodes(row.id, filter, order == "worst", static_cast<std::size_t>(limit))) {
     if (!first) answer.body += ',';
     first = false;
-    append_json_episode(answer.body, one);
+    visit_episode(one, EpisodeFields{answer.body});
+    answer.body += '}';
   }
   answer.body += "]}";
   return answer;
@@ -269,7 +307,7 @@ Answer Api::episode(const Query& query) {
   const auto replay = reader->episode(*rowid);
   if (!replay) not_found("episode " + query.path[1] + " not found");
   Answer answer;
-  open_json_episode(answer.body, replay->row);
+  visit_episode(replay->row, EpisodeFields{answer.body});
   const bool streets = replay->hash && replay->rule != StateRule::kLine;
   const std::optional<RouteMap> stored = streets ? reader->map(*replay->hash) : std::nullopt;
   const LiveView::Map hosted = streets && !stored && live_ ? live_->map(*replay->hash) : LiveView::Map();
