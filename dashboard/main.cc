@@ -8,7 +8,6 @@
 #include <atomic>
 #include <filesystem>
 #include <iostream>
-#include <optional>
 
 #include "core/exchange/timing.h"
 #include "core/metrics/exposition.h"

@@ -6,11 +6,9 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <string>
 #include <utility>
 
 #include "core/exchange/command.h"
-#include "core/exchange/timing.h"
 #include "core/util/name.h"
 #include "core/util/text.h"
 #include "core/wire/rejections.h"

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <numeric>
-#include <utility>
 
 #include "core/task/goal_chain.h"
 #include "core/task/path.h"

@@ -3,8 +3,6 @@
 
 #include <spdlog/spdlog.h>
 
-#include <string>
-
 #include "core/util/error.h"
 #include "core/util/name.h"
 #include "core/wire/streets.h"

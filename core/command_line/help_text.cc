@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cctype>
 #include <regex>
-#include <string>
 #include <vector>
 
 #include "core/command_line/wrap.h"

@@ -5,7 +5,6 @@
 #include <cstring>
 #include <limits>
 
-#include "core/exchange/timing.h"
 #include "core/util/sha256.h"
 
 namespace citylearn {

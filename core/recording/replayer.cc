@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <utility>
 
 #include "core/exchange/timing.h"
 #include "core/recording/wire_header.h"

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
-#include <utility>
 
 #include "core/dds/request_identity.h"
 #include "core/files/image_header.h"

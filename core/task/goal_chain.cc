@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/task/goal_chain.h"
 
-#include <algorithm>
 #include <string>
 
 #include "core/util/error.h"

@@ -2,7 +2,6 @@
 #include "core/wire/channels.h"
 
 #include <algorithm>
-#include <chrono>
 
 #include "core/exchange/timing.h"
 

@@ -9,7 +9,6 @@
 #include "core/exchange/presence.h"
 #include "core/exchange/timing.h"
 #include "core/util/log_format.h"
-#include "core/util/machine.h"
 
 namespace citylearn {
 namespace {

@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "dashboard/api/evaluations.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
 #include "dashboard/store/store.h"
@@ -75,7 +74,7 @@ class Api {
   struct Figures {
     std::uint64_t episodes = 0;
     std::int64_t newest = 0;
-    EvaluationFigures figures;
+    nlohmann::json figures;
   };
   std::map<std::pair<std::int64_t, EvaluationKey>, Figures>
       evaluations_;  // by row of `runs`; valid until episodes are added

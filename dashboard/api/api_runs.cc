@@ -3,13 +3,15 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
+#include <type_traits>
 
 #include "core/files/json.h"
 #include "core/task/path.h"
+#include "core/task/spl.h"
+#include "core/util/random.h"
 #include "core/util/text.h"
 #include "dashboard/api/api.h"
 #include "dashboard/api/parameters.h"
-#include "dashboard/api/tables.h"
 #include "dashboard/live/json.h"
 
 namespace citylearn {
@@ -18,6 +20,8 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr std::size_t kMaxCachedFigures = 10000;
+constexpr int kResamples = 1000;
+constexpr std::uint64_t kBootstrapStream = 0x626F6F74;  // names the random numbers
 
 double shortest(double value) {
   if (!std::isfinite(value)) return value;
@@ -42,6 +46,81 @@ Json positions_of(const StoreReader::Replay& replay, const RouteMap* map) {
   for (std::uint64_t step = 0; step < replay.row.steps; ++step)
     positions.push_back(frame = states.after(frame, static_cast<std::uint8_t>(action_at(*replay.path, step)), 1));
   return positions;
+}
+
+// Tables are written by hand: a run may have a million rows.
+
+/// Appends a float, or null where there is none.
+void append_float(std::string& text, double value) {
+  if (std::isfinite(value))
+    append_number(text, static_cast<float>(value));
+  else
+    text += "null";
+}
+
+/// Appends a training figure; null where it is undefined.
+void append_figure(std::string& text, const TrainingFigure& figure, double value) {
+  if (std::isfinite(value) && figure.type == TrainingFigure::kCount)
+    append_number(text, static_cast<std::int64_t>(value));
+  else if (std::isfinite(value) && figure.type == TrainingFigure::kDouble)
+    append_number(text, value);
+  else
+    append_float(text, value);
+}
+
+/// Appends the fields of an episode as a JSON object without its last brace.
+struct EpisodeFields {
+  std::string& text;
+  bool first = true;
+  template <class Value>
+  void operator()(const char* name, const char*, const Value& value) {
+    text += std::string(first ? "{\"" : ",\"") + name + "\":";
+    first = false;
+    if constexpr (std::is_same_v<Value, std::string>)
+      text += text_of(value);
+    else if constexpr (std::is_same_v<Value, bool>)
+      text += value ? "true" : "false";
+    else if constexpr (std::is_same_v<Value, float>)
+      append_float(text, value);
+    else
+      append_number(text, value);
+  }
+};
+
+/// Returns the figures of one policy on the tasks of one traversal, of which there is one or more: means over tasks;
+/// fractions are 0..1. Of failed tasks all steps count; excess is that of completed ones. The interval of SPL is one of
+/// 95 %, the same for the same tasks.
+Json figures_of(const std::vector<StoreReader::TaskRow>& tasks) {
+  const double count = static_cast<double>(tasks.size());
+  double completed = 0, mean_steps = 0, shortest_mean = 0, reward = 0, spl = 0, excess = 0;
+  for (const StoreReader::TaskRow& task : tasks) {
+    mean_steps += static_cast<double>(task.steps) / count;
+    shortest_mean += static_cast<double>(task.shortest) / count;
+    reward += task.reward / count;
+    spl += task.spl / count;
+    if (!task.completed) continue;
+    ++completed;
+    excess += excess_of(static_cast<double>(task.shortest), static_cast<double>(task.steps));
+  }
+  // Percentile bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap (1993), chapter 13.
+  Random random{kBootstrapStream, tasks.size()};
+  std::vector<double> means(kResamples);
+  for (double& mean : means) {
+    double sum = 0;
+    for (std::size_t i = 0; i < tasks.size(); ++i) sum += tasks[random.below(tasks.size())].spl;
+    mean = sum / count;
+  }
+  std::sort(means.begin(), means.end());
+  return {{"tasks", tasks.size()},
+          {"completed", completed / count},
+          {"failed", (count - completed) / count},
+          {"spl", spl},
+          {"spl_low", means[kResamples * 25 / 1000]},
+          {"spl_high", means[kResamples * 975 / 1000 - 1]},
+          {"reward", reward},
+          {"mean_steps", mean_steps},
+          {"shortest_mean", shortest_mean},
+          {"excess", completed > 0 ? Json(excess / completed) : Json(nullptr)}};
 }
 
 }  // namespace
@@ -171,9 +250,7 @@ Answer Api::training(const RunRow& row, const Query& query) {
   const Decimator rows = reader->training(wanted, static_cast<std::size_t>(points));
   Answer answer;
   std::string& text = answer.body;
-  text = "{\"id\":";
-  append_json(text, row.name);
-  text += ",\"x\":\"" + x + "\",\"total\":";
+  text = "{\"id\":" + text_of(row.name) + ",\"x\":\"" + x + "\",\"total\":";
   append_number(text, rows.total());
   text += std::string(",\"decimated\":") + (rows.decimated() ? "true" : "false") + ",\"columns\":{";
   const std::size_t width = wanted.columns.size() + 1;
@@ -218,7 +295,8 @@ Answer Api::episodes(const RunRow& row, const Query& query) {
   for (const EpisodeRow& one : reader->episodes(row.id, filter, order == "worst", static_cast<std::size_t>(limit))) {
     if (!first) answer.body += ',';
     first = false;
-    append_json_episode(answer.body, one);
+    visit_episode(one, EpisodeFields{answer.body});
+    answer.body += '}';
   }
   answer.body += "]}";
   return answer;
@@ -229,34 +307,25 @@ Answer Api::evaluations(const RunRow& row) {
   BorrowedReader reader(*this);
   for (const StoreReader::EvaluationGroup& group : reader->evaluations(row.id)) {
     const std::pair key(row.id, group.key);
-    std::optional<EvaluationFigures> known;
+    Json figures;
     {
       std::lock_guard lock(mutex_);
       const auto found = evaluations_.find(key);
       if (found != evaluations_.end() && found->second.episodes == group.episodes &&
           found->second.newest == group.newest)
-        known = found->second.figures;
+        figures = found->second.figures;
     }
-    if (!known) {
-      known = evaluate(reader->tasks(row.id, group.key));
+    if (figures.is_null()) {
+      figures = figures_of(reader->tasks(row.id, group.key));
+      figures.update({{"policy", group.key.policy},
+                      {"update", group.key.update},
+                      {"shuffled", group.key.shuffled},
+                      {"traversal", group.key.traversal}});
       std::lock_guard lock(mutex_);
       if (evaluations_.size() >= kMaxCachedFigures) evaluations_.clear();
-      evaluations_[key] = {group.episodes, group.newest, *known};
+      evaluations_[key] = {group.episodes, group.newest, figures};
     }
-    list.push_back({{"policy", group.key.policy},
-                    {"update", group.key.update},
-                    {"shuffled", group.key.shuffled},
-                    {"traversal", group.key.traversal},
-                    {"tasks", known->tasks},
-                    {"completed", known->completed},
-                    {"failed", known->failed},
-                    {"spl", known->spl},
-                    {"spl_low", known->spl_low},
-                    {"spl_high", known->spl_high},
-                    {"reward", known->reward},
-                    {"mean_steps", known->mean_steps},
-                    {"shortest_mean", known->shortest_mean},
-                    {"excess", std::isfinite(known->excess) ? Json(known->excess) : Json(nullptr)}});
+    list.push_back(std::move(figures));
   }
   return json_answer({{"evaluations", std::move(list)}});
 }
@@ -269,7 +338,7 @@ Answer Api::episode(const Query& query) {
   const auto replay = reader->episode(*rowid);
   if (!replay) not_found("episode " + query.path[1] + " not found");
   Answer answer;
-  open_json_episode(answer.body, replay->row);
+  visit_episode(replay->row, EpisodeFields{answer.body});
   const bool streets = replay->hash && replay->rule != StateRule::kLine;
   const std::optional<RouteMap> stored = streets ? reader->map(*replay->hash) : std::nullopt;
   const LiveView::Map hosted = streets && !stored && live_ ? live_->map(*replay->hash) : LiveView::Map();

@@ -2,7 +2,6 @@
 #include "dashboard/http/client_hub.h"
 
 #include <algorithm>
-#include <cstring>
 
 #include "core/util/error.h"
 #include "dashboard/http/answer.h"

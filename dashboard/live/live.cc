@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <bit>
 #include <charconv>
-#include <cstring>
 
 #include "core/exchange/timing.h"
 #include "core/task/training_figures.h"

@@ -4,7 +4,6 @@
 #include <map>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "core/exchange/object_fetch.h"
 #include "core/wire/node.h"

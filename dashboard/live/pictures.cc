@@ -7,7 +7,6 @@
 #include <span>
 #include <utility>
 
-#include "core/exchange/timing.h"
 #include "dashboard/live/picture_shrink.h"
 
 namespace citylearn {

@@ -8,7 +8,6 @@
 #include <stop_token>
 #include <string>
 #include <thread>
-#include <vector>
 
 #include "core/exchange/object_fetch.h"
 #include "core/exchange/timing.h"

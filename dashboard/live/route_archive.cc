@@ -6,7 +6,6 @@
 #include <algorithm>
 
 #include "core/util/error.h"
-#include "dashboard/live/picture_shrink.h"
 
 namespace citylearn {
 namespace {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/store/store_reader.h"
 
-#include <algorithm>
 #include <cstring>
 
 #include "core/util/error.h"

@@ -2,7 +2,6 @@
 #include "encoder_service/onnx/onnx_network.h"
 
 #include <algorithm>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <map>

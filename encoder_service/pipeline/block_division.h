@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "core/exchange/message_order.h"
-#include "core/exchange/timing.h"
 #include "core/util/types.h"
 #include "idl/descriptor.h"
 

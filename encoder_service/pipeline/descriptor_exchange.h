@@ -5,7 +5,6 @@
 #include <map>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "core/exchange/object_fetch.h"
 #include "core/exchange/presence.h"

@@ -9,7 +9,6 @@
 #include <numeric>
 #include <opencv2/imgproc.hpp>
 #include <regex>
-#include <string_view>
 
 #include "env_service/dataset_io/tracks.h"
 #include "env_service/files/text_table.h"

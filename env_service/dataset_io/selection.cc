@@ -6,11 +6,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <optional>
 #include <set>
 
 #include "core/util/text.h"
-#include "core/wire/messages.h"
 #include "env_service/images/image_sources.h"
 #include "env_service/traversal/alignment.h"
 #include "env_service/traversal/sight.h"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/drawn_city/camera.h"
 
-#include <algorithm>
 #include <cmath>
 
 namespace citylearn::drawn {

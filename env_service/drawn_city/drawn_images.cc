@@ -2,7 +2,6 @@
 #include "env_service/drawn_city/drawn_images.h"
 
 #include <bit>
-#include <cmath>
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
 #include <utility>

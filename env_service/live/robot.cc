@@ -9,7 +9,6 @@
 #include <limits>
 
 #include "core/ros2/header.h"
-#include "core/task/action.h"
 #include "core/util/error.h"
 
 namespace citylearn {

@@ -4,8 +4,6 @@
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
-#include <utility>
-
 #include "core/ros2/header.h"
 #include "core/util/error.h"
 #include "core/util/text.h"

@@ -9,7 +9,6 @@
 #include <boost/graph/strong_components.hpp>
 #include <cmath>
 #include <fstream>
-#include <functional>
 #include <limits>
 #include <map>
 #include <queue>

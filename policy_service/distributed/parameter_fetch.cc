@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/distributed/parameter_fetch.h"
 
-#include <algorithm>
-#include <utility>
-
 #include "core/exchange/timing.h"
 
 namespace citylearn {

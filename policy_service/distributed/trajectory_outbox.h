@@ -3,7 +3,6 @@
 
 #include <cstdint>
 #include <deque>
-#include <string>
 
 #include "core/exchange/log_sender.h"
 #include "core/wire/node.h"

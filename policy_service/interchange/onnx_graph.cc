@@ -5,9 +5,7 @@
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 #include <onnx/onnx_pb.h>
 
-#include <algorithm>
 #include <bit>
-#include <cstring>
 #include <set>
 
 #include "core/util/error.h"

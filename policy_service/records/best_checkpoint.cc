@@ -6,7 +6,6 @@
 
 #include <filesystem>
 #include <tuple>
-#include <utility>
 
 #include "core/util/error.h"
 #include "policy_service/learning/training_progress.h"

@@ -6,7 +6,6 @@
 #include <optional>
 #include <set>
 #include <string>
-#include <vector>
 
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/interchange/event_log.h"

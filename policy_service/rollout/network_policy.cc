@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/rollout/network_policy.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "core/util/error.h"

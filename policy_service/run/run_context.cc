@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/exchange/timing.h"
 #include "core/wire/service.h"
 
 namespace citylearn {

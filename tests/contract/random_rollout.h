@@ -2,7 +2,6 @@
 #pragma once
 
 #include "core/util/random.h"
-#include "core/wire/messages.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/rollout/rollout.h"
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // ros2_sample FILE.mcap: a recording (citylearn record), and FILE.mcap.json, which says what its conversion must have.
-#include <cmath>
 #include <fstream>
 #include <iostream>
 #include <limits>

@@ -14,7 +14,6 @@
 #include "tests/support/processes/service.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/episodes_csv.h"
-#include "tests/support/records/recorder.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -256,8 +256,13 @@ after_demo() {
   read -rsn 1 || true
 }
 
-# Fails unless the option $1 has a value behind it.
-needs() { [ $# -ge 2 ] && [[ $2 != --* ]] || fail "$1 needs a value"; }
+# Sets `value` to that of the option $1, in the same word or the next, and `taken` to the number of both words.
+take_value() {
+  taken=1 value=${1#*=}
+  [[ $1 != *=* ]] || return 0
+  [ $# -ge 2 ] && [[ $2 != --* ]] || fail "$1 needs a value"
+  taken=2 value=$2
+}
 
 demo() {
   local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
@@ -265,38 +270,29 @@ demo() {
   local -x LC_ALL=C    # names of recordings are bytes: in UTF-8, `read` joins one that is not with the next
   local -A called=()   # what env_services call the traversals
   local dashboard=yes port=0 wait=yes asked=("$@")
+  local name value taken
   while [ $# -gt 0 ]; do
+    taken=1
     case $1 in
-      --data|--dataset|--train|--evaluate|--frames|--middleware|--output|--port|--slip)
-        needs "$@"
-        declare "${1#--}=$2"; shift 2 ;;
-      --data=*|--dataset=*|--train=*|--evaluate=*|--frames=*|--middleware=*|--output=*|--port=*|--slip=*)
-        local name=${1%%=*}; declare "${name#--}=${1#*=}"; shift ;;
-      --encoder|--dimension|--centring|--whitening|--model|--layer|--preset|--store)
-        needs "$@"
-        encoding+=("$1" "$2"); shift 2 ;;
-      --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--store=*)
-        encoding+=("$1"); shift ;;
-      --dropped-frames|--kidnappings|--goal-place|--goals)
-        needs "$@"
-        world+=("$1" "$2"); shift 2 ;;
-      --dropped-frames=*|--kidnappings=*|--goal-place=*|--goals=*) world+=("$1"); shift ;;
-      --rule) needs "$@"; rule=(--rule "$2"); shift 2 ;;
-      --rule=*) rule=("$1"); shift ;;
-      --align-by|--align-within)
-        needs "$@"
-        aligning+=("$1" "$2"); shift 2 ;;
-      --align-by=*|--align-within=*) aligning+=("$1"); shift ;;
-      --plugin)
-        needs "$@"
-        plugins+=$2,; shift 2 ;;
-      --plugin=*) plugins+=${1#*=},; shift ;;
-      --domain|--domain=*|--session|--session=*) fail "${1%%=*}: a demo has its own; CITYLEARN_DOMAIN=N sets the domain" ;;
-      --no-dashboard) dashboard=no; shift ;;
-      --no-wait) wait=no; shift ;;
+      --no-dashboard) dashboard=no ;;
+      --no-wait) wait=no ;;
       -h|--help) demo_usage; exit 0 ;;
-      *) pass+=("$1"); shift ;;
+      *)
+        name=${1%%=*}
+        case $name in
+          --data|--dataset|--train|--evaluate|--frames|--middleware|--output|--port|--slip)
+            take_value "$@"; declare "${name#--}=$value" ;;
+          --encoder|--dimension|--centring|--whitening|--model|--layer|--preset|--store)
+            take_value "$@"; encoding+=("$name=$value") ;;
+          --dropped-frames|--kidnappings|--goal-place|--goals) take_value "$@"; world+=("$name=$value") ;;
+          --rule) take_value "$@"; rule=("$name=$value") ;;
+          --align-by|--align-within) take_value "$@"; aligning+=("$name=$value") ;;
+          --plugin) take_value "$@"; plugins+=$value, ;;
+          --domain|--session) fail "$name: a demo has its own; CITYLEARN_DOMAIN=N sets the domain" ;;
+          *) pass+=("$1") ;;
+        esac ;;
     esac
+    shift $taken
   done
   [ -z "$data" ] || [ -d "$data" ] || fail "--data: '$data' is not a folder"
   local count=${frames:-128} part=()
@@ -403,7 +399,7 @@ demo() {
   fi
   local kind length pairs streets; look_at "$route" || exit 1
   [ "$streets" != yes ] || [ -n "$frames" ] || { frames=0:$length count=$length; }   # they are walked as a whole
-  local images=$kind whole=$length shortest=$length name
+  local images=$kind whole=$length shortest=$length
   [ ${#aligning[@]} -gt 0 ] || [ "$pairs" != index ] || match_by_sight "${evaluate:+$train,$evaluate}"
   [ -n "$frames" ] || [ ${#aligning[@]} -eq 0 ] || part=(--frames "0:$((length < count ? length : count))")
   if [ -z "$frames" ] || [ -z "$evaluate" ]; then

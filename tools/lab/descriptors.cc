@@ -3,10 +3,8 @@
 
 #include <algorithm>
 #include <opencv2/core.hpp>
-#include <optional>
 #include <vector>
 
-#include "core/command_line/progress.h"
 #include "core/wire/service.h"
 #include "encoder_service/pipeline/feature_store.h"
 

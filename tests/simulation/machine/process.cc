@@ -2,7 +2,6 @@
 #include "tests/simulation/machine/process.h"
 
 #include <exception>
-#include <utility>
 
 #include "core/dds/middleware.h"
 #include "tests/simulation/machine/network.h"

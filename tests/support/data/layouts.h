@@ -13,7 +13,6 @@
 #include "env_service/images/image_sources.h"
 #include "tests/support/data/pictures.h"
 #include "tests/support/env/env.h"
-#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 // Small trees in the layouts of published datasets.

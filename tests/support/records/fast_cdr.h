@@ -5,7 +5,6 @@
 #include <fastcdr/config.h>
 
 #include <algorithm>
-#include <string>
 #include <vector>
 
 #include "core/wire/cdr.h"

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The web server and HTTP clients that behave, and that do not.
+// The web server and HTTP clients that behave and that do not, and what one may cost the others.
 #include <regex>
 
-#include "core/util/random.h"
 #include "tests/support/text.h"
 #include "tests/support/web/server_fixture.h"
 
@@ -27,8 +26,9 @@ TEST_F(RunningServerTest, ServesThePageWithStrictHeaders) {
   const auto live = client()->upgrade();
   for (const auto& response : {page, script, compressed, api, live, get("/none"), get("/metrics"), get("/healthz")}) {
     const std::string policy = response.headers.at("content-security-policy");
-    for (const std::string part : {"default-src 'self'; ", "img-src 'self' data: blob:; ", "connect-src 'self'; ",
-                                   "style-src 'self'; ", "frame-ancestors 'none'; ", "base-uri 'none'; "})
+    for (const std::string part :
+         {"default-src 'self'; ", "img-src 'self' data: blob:; ", "connect-src 'self'; ", "style-src 'self'; ",
+          "frame-ancestors 'none'; ", "base-uri 'none'; ", "form-action 'none'"})
       EXPECT_TRUE(contains(policy, part)) << part;
     EXPECT_EQ(response.headers.at("x-content-type-options"), "nosniff");
     EXPECT_EQ(response.headers.at("referrer-policy"), "no-referrer");
@@ -193,27 +193,6 @@ TEST_F(RunningServerTest, WhatIsTooLargeOrMalformedIsNamed) {
   }
 }
 
-TEST_F(RunningServerTest, BytesOfAnyKindDoNoHarm) {
-  Random random(7);
-  const std::size_t before = resident();
-  for (int round = 0; round < 300; ++round) {
-    const auto one = client();
-    std::string text = round % 2 ? "GET /api/live HTTP/1.1\r\nHost: localhost\r\n" : "";
-    static const std::vector<std::string> words = {
-        "Upgrade: websocket\r\n",  "Connection: Upgrade\r\n",        "\r\n", std::string(1, 0),
-        "Content-Length: -1\r\n",  "Transfer-Encoding: chunked\r\n", "%",    "Sec-WebSocket-Version: 13\r\n",
-        "Sec-WebSocket-Key: x\r\n"};
-    for (std::uint64_t part = random.below(30); part > 0; --part)
-      if (random.below(2))
-        text += words[random.below(words.size())];
-      else
-        text += static_cast<char>(random.below(256));
-    one->send(text);
-  }
-  EXPECT_LT(health(), 100ms);
-  EXPECT_LT(resident(), before + kMemory);
-}
-
 TEST_F(ServerTest, ARequestThatDripsIsCutOffAndAnAnswerThatIsNotTaken) {
   options_.request_time = 300ms;
   start();
@@ -354,6 +333,56 @@ TEST_F(ServerTest, WhatKeepsItFromListeningIsSaidInOneLine) {
   says(options, "key.pem: is not a readable key of that certificate");
   std::ofstream(folder_ / "key.pem") << "nonsense";
   says(options, "key.pem");
+}
+
+TEST_F(RunningServerTest, PagesOfOtherSitesGetNothing) {
+  for (const std::string site : {"cross-site", "same-site"}) {
+    for (const std::string target : {"/api/runs", "/metrics"}) {
+      const auto refused = get(target, {{"sec-fetch-site", site}});
+      EXPECT_EQ(refused.status, 403) << target;
+      EXPECT_TRUE(contains(refused.body, site));
+    }
+    EXPECT_EQ(client()->upgrade({{"sec-fetch-site", site}}).status, 403);
+    EXPECT_EQ(get("/", {{"sec-fetch-site", site}}).status, 200) << "a link to the page";
+    EXPECT_EQ(get("/login", {{"sec-fetch-site", site}}).status, 303) << "a link that logs in";
+  }
+  for (const std::string site : {"same-origin", "none"})
+    EXPECT_EQ(get("/api/runs", {{"sec-fetch-site", site}}).status, 200);
+}
+
+TEST_F(ServerTest, NoWorkIsDoneForAClientThatHasGone) {
+  options_.workers = 1;
+  options_.ping = 80ms;  // so it looks often
+  start();
+  const auto waiting = client();
+  waiting->send("GET /api/slow HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  ASSERT_TRUE(poll_until([&] { return slow() == 1; }, WebClient::kTimeout));
+  for (int i = 0; i < 100; ++i) client()->send("GET /api/slow HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  const auto pipelined = client();  // says more than it is asked for, but is there
+  pipelined->send("GET /api/a HTTP/1.1\r\nHost: localhost\r\n\r\nGET /api/b HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 3; }, WebClient::kTimeout))
+      << "those that wait and the one that looks";
+  release();
+  EXPECT_EQ(waiting->read().status, 200);
+  EXPECT_EQ(pipelined->read().status, 200);
+  EXPECT_EQ(pipelined->read().status, 200);
+  EXPECT_EQ(slow(), 1) << "calls that began";
+}
+
+TEST_F(ServerTest, ClientsThatHangLockNobodyOut) {
+  options_.connections_each = 4;
+  start();
+  for (const std::string request : {"GET /api/runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nbody",
+                                    "GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n"}) {
+    std::vector<std::unique_ptr<WebClient>> hanging;
+    for (int i = 0; i < 4; ++i) {
+      hanging.push_back(client("127.0.0.1", 4096));
+      hanging.back()->send(request);
+      EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200) << "the header has been read";
+    }
+    EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kTimeout / 4));
+    for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
+  }
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "tests/paths.h"
 #include "tests/support/processes/hosts.h"

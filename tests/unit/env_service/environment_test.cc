@@ -5,7 +5,6 @@
 
 #include <map>
 #include <set>
-#include <tuple>
 
 #include "tests/support/env/env.h"
 #include "tests/support/text.h"
@@ -110,31 +109,6 @@ TEST(EnvironmentMask, OneBadActionStopsTheWholeTick) {
   EXPECT_THROW(environment.step(choice), Error);
   environment.observe(after);
   EXPECT_EQ(before.position(), after.position());
-}
-
-TEST(EnvironmentReward, FreeOnlyWhenNearerThanEverAndOneAtTheGoal) {
-  const Traversal traversal = small_traversal(10);
-  Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 20), 3, 6));
-  constexpr float kCost = -1.0f / 20;
-  EXPECT_EQ(walk.seen.reward()[0], 0) << "nothing was done yet";
-  EXPECT_EQ(walk.reward_of(kStay), kCost) << "at 3";
-  EXPECT_EQ(walk.reward_of(kNext), 0.0f) << "to 4: nearer than ever";
-  EXPECT_EQ(walk.reward_of(kPrevious), kCost) << "to 3: away";
-  EXPECT_EQ(walk.reward_of(kPrevious), kCost) << "to 2: away";
-  EXPECT_EQ(walk.reward_of(kNext), kCost) << "to 3: nearer, but it has been nearer";
-  EXPECT_EQ(walk.reward_of(kNext), kCost) << "to 4: as near as it has been";
-  EXPECT_EQ(walk.reward_of(kNext), 0.0f) << "to 5: nearer than ever";
-  EXPECT_EQ(walk.reward_of(kStay), kCost);
-  EXPECT_EQ(walk.seen.flags()[0], 0);
-  EXPECT_TRUE(walk.environment.finished().empty());
-  EXPECT_EQ(walk.reward_of(kNext), 1.0f) << "the goal";
-  EXPECT_EQ(walk.seen.flags()[0], msg::FLAG_TERMINATED | msg::FLAG_FIRST);
-  ASSERT_EQ(walk.environment.finished().size(), 1u);
-  const Environment::Episode& episode = walk.environment.finished()[0];
-  EXPECT_EQ(std::tie(episode.start, episode.goal, episode.steps, episode.shortest, episode.completed),
-            std::make_tuple(3, 6, 9, 3, true));
-  EXPECT_FLOAT_EQ(episode.reward, 1 + 6 * kCost);
-  EXPECT_EQ(walk.seen.previous_action()[0], kNoAction) << "a new episode has no previous action";
 }
 
 TEST(EnvironmentEpisode, IsCutAtTheStepLimit) {

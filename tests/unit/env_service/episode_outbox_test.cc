@@ -3,12 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <limits>
 #include <map>
-#include <set>
 
-#include "core/util/random.h"
 #include "tests/support/env/env.h"
 #include "tests/support/wait.h"
 
@@ -361,65 +358,6 @@ TEST(EpisodeOutbox, KnowsWhomToWaitForAtTheEnd) {
   fixture.outbox.hurry(fixture.now);
   EXPECT_EQ(fixture.sent(), again(1, 3));
   EXPECT_EQ(fixture.outbox.due(), fixture.now + milliseconds(100));
-}
-
-/// Three recorders over a wire that loses, repeats and reorders, one of which dies and comes back again and again with
-/// what its store has: everyone gets everything.
-TEST(EpisodeOutbox, NothingIsLostWhateverTheWireAndTheRecordersDo) {
-  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
-    Fixture fixture;
-    Random random(seed);
-    struct Recorder {
-      std::string name;
-      std::uint64_t incarnation = 1, stored = 0;  // all up to here are committed
-      std::set<std::uint64_t> beyond;
-      bool up = true;
-    };
-    std::vector<Recorder> recorders{
-        {"policy", 1, 0, {}, true}, {"dashboard", 1, 0, {}, true}, {"other", 1, 0, {}, true}};
-    struct Word {
-      std::string who;
-      std::uint64_t message, episode, incarnation;
-    };
-    std::vector<Word> wire;
-    for (const Recorder& recorder : recorders) fixture.acknowledge(recorder.name, 0);
-    int ended = 0;
-    for (int round = 0; round < 100'000; ++round) {
-      if (ended < 3000 && random.below(3) == 0) {
-        const int count = static_cast<int>(random.below(6));
-        fixture.end_episodes(count);
-        ended += count;
-      }
-      fixture.now += milliseconds(random.below(40));
-      for (const int number : fixture.sent(32))
-        for (Recorder& recorder : recorders)
-          for (std::uint64_t copies = random.below(10) == 0 ? random.below(3) : 1; recorder.up && copies > 0; --copies)
-            recorder.beyond.insert(static_cast<std::uint64_t>(std::abs(number)));
-      for (Recorder& recorder : recorders) {
-        if (recorder.name == "dashboard" && random.below(200) == 0) {  // killed, or started
-          recorder.up = !recorder.up;
-          recorder.beyond.clear();
-          ++recorder.incarnation;
-          if (recorder.up) wire.push_back({recorder.name, ++fixture.message, 0, recorder.incarnation});
-        }
-        if (!recorder.up || random.below(4) > 0) continue;
-        recorder.stored = std::max(recorder.stored, fixture.outbox.acknowledged());
-        while (recorder.beyond.contains(recorder.stored + 1)) ++recorder.stored;
-        wire.push_back({recorder.name, ++fixture.message, recorder.stored, recorder.incarnation});
-      }
-      while (!wire.empty() && random.below(3) > 0) {
-        const std::size_t which = random.below(wire.size());
-        const Word word = wire[which];
-        if (random.below(10) > 0) wire.erase(wire.begin() + static_cast<std::ptrdiff_t>(which));
-        if (random.below(10) > 0) fixture.repeat(word.who, word.message, word.episode, false, word.incarnation);
-      }
-      for (const Recorder& recorder : recorders)
-        ASSERT_LE(fixture.outbox.acknowledged(), recorder.stored) << "forgotten before " << recorder.name << " had it";
-      if (ended >= 3000 && fixture.outbox.kept() == 0) break;
-    }
-    EXPECT_EQ(fixture.outbox.kept(), 0u) << "seed " << seed;
-    for (const Recorder& recorder : recorders) EXPECT_EQ(recorder.stored, fixture.outbox.last()) << recorder.name;
-  }
 }
 
 }  // namespace

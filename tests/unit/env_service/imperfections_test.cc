@@ -2,9 +2,7 @@
 #include "env_service/imperfections.h"
 
 #include <gtest/gtest.h>
-#include <spdlog/spdlog.h>
 
-#include <algorithm>
 #include <cstdlib>
 #include <optional>
 #include <string>
@@ -15,10 +13,7 @@
 #include "core/task/spl.h"
 #include "core/task/state_map.h"
 #include "tests/support/env/env.h"
-#include "tests/support/env/env_service_thread.h"
 #include "tests/support/env/scripted_policy.h"
-#include "tests/support/options.h"
-#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -177,44 +172,6 @@ TEST(ImperfectRecording, IsNamedAfterItsImperfections) {
   Traversal long_name = small_traversal(9);
   long_name.name = std::string(63, 'x') + "/";
   EXPECT_EQ(imperfect(long_name, {.slip = 0.1}).name, std::string(56, 'x') + "-slip0.1");
-}
-
-/// An env_service in this process, whose episodes come over the wire, against an Environment walked by hand.
-TEST(ImperfectWorld, OnTheWireIsThatOfTheEnvironment) {
-  spdlog::set_level(spdlog::level::warn);
-  const Imperfections imperfections = {.slip = 0.1, .dropped_frames = 0.1, .kidnappings = 1};
-  const Traversal traversal = imperfect(small_traversal(60), imperfections);
-  EnvServiceOptions options;
-  options.agents = 4;
-  options.imperfections = imperfections;
-  options.node.session = "imperfect-world";
-  options.node.middleware = middleware_options("inprocess", 47);
-  const EnvServiceThread host(options, traversal);
-  const std::string name = "line-slip0.1-drop0.1-kidnap1";
-  ScriptedPolicy policy(middleware_options("inprocess", 47), options.node.session, "env-" + name);
-  ShortestPath walker;
-  policy.walker = &walker;
-  msg::TaskSettings with = settings(msg::EVALUATE, 60, 128);
-  with.tasks() = 40;
-  policy.command(with);
-  ASSERT_TRUE(policy.until([&] { return policy.recorded == 40; }));
-  EXPECT_EQ(policy.info.traversal(), name) << "as a run's manifest and the dashboard name it";
-  EXPECT_EQ(policy.info.hash(), traversal.hash());
-  Environment environment(traversal, 4, imperfections);
-  const auto expected = evaluate(environment, policy.commanded(), walker);
-  int strayed = 0;
-  for (const auto& [number, stat] : policy.episodes) {
-    const Environment::Episode& other = expected.at(static_cast<int>(stat.task()));
-    EXPECT_EQ(stat.traversal(), name);
-    EXPECT_EQ(static_cast<int>(stat.start()), other.start);
-    EXPECT_EQ(static_cast<int>(stat.steps()), other.steps);
-    EXPECT_EQ(static_cast<int>(stat.shortest()), other.shortest);
-    EXPECT_EQ(stat.reward(), other.reward);
-    EXPECT_EQ(stat.completed(), other.completed);
-    EXPECT_EQ(stat.path(), other.path);
-    strayed += other.path.empty();
-  }
-  EXPECT_GT(strayed, 20);
 }
 
 }  // namespace

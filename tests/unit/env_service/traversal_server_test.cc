@@ -18,15 +18,13 @@ namespace {
 
 Node::Options options(const std::string& id) { return {middleware_options("inprocess"), "test", id, "ours"}; }
 
-/// Notes which pictures are read. Frame 3 fills three chunks.
-class NotedImages : public FakeImages {
+/// Frame 3 fills three chunks.
+class LargeImages : public FakeImages {
  public:
   using FakeImages::FakeImages;
   void read(int frame, Bytes& bytes) override {
-    reads.push_back(frame);
     bytes.assign(frame == 3 ? 2 * msg::MAX_CHUNK + 1 : 1, std::byte(frame));
   }
-  std::vector<int> reads;
 };
 
 class PictureRequests : public ::testing::Test {
@@ -60,7 +58,7 @@ class PictureRequests : public ::testing::Test {
     return traversal;
   }
 
-  std::shared_ptr<NotedImages> images_ = std::make_shared<NotedImages>(6);
+  std::shared_ptr<LargeImages> images_ = std::make_shared<LargeImages>(6);
   const Traversal traversal_ = pictured(images_);
   Environment environment_{traversal_, 1};
   Node env_{options("env")}, encoder_{options("encoder")}, dashboard_{options("dashboard")};
@@ -88,21 +86,6 @@ TEST_F(PictureRequests, AreAnsweredOnePictureATickAndService) {
   EXPECT_TRUE(server_.send_objects());
   EXPECT_FALSE(server_.send_objects());
   EXPECT_EQ(sent_by(0), (Frames{1, 2}));
-}
-
-TEST_F(PictureRequests, ThatCrossTheirAnswersBringNothingTwice) {
-  ask({0, 1, 2});
-  EXPECT_EQ(sent_by(1), (Frames{0}));
-  ask({0, 1, 2});  // both were sent while picture 0 was read
-  ask({0, 1, 2, 5});
-  EXPECT_EQ(sent_by(9), (Frames{1, 2, 5}));
-  EXPECT_EQ(images_->reads, (Frames{0, 1, 2, 5}));
-  EXPECT_TRUE(poll_until(
-      [&] {
-        ask({1});  // it was lost
-        return sent_by(1) == Frames{1};
-      },
-      seconds(5)));
 }
 
 TEST_F(PictureRequests, GoOnWithTheChunksThatAreMissing) {

@@ -10,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "core/files/image_header.h"
 #include "core/wire/messages.h"
 #include "encoder_service/encoding/encoder.h"
 #include "tests/fuzz/messages.h"

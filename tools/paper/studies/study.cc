@@ -4,7 +4,6 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
-#include <cstdlib>
 
 #include "core/task/spl.h"
 #include "policy_service/rollout/control.h"

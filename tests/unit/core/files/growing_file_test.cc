@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that grow by whole records on a disk that is full for a while, and the logs of a run on top of them.
+// Files that grow by whole records on a disk that is full for a while, and the log of episodes on top of them.
 #include "core/files/growing_file.h"
 
 #include <gtest/gtest.h>
@@ -8,10 +8,7 @@
 
 #include "core/files/files.h"
 #include "core/recording/mcap_writer.h"
-#include "core/util/error.h"
-#include "policy_service/interchange/event_log.h"
 #include "policy_service/records/episode_log.h"
-#include "policy_service/records/metrics_log.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
@@ -40,13 +37,6 @@ msg::EpisodeStat numbered_episode(std::uint64_t number) {
   stat.log().number() = number;
   stat.log().first() = 1;
   stat.traversal() = "summer";
-  return stat;
-}
-
-msg::TrainingStat update(std::uint64_t number) {
-  msg::TrainingStat stat;
-  stat.update() = number;
-  stat.steps() = 100 * number;
   return stat;
 }
 
@@ -138,47 +128,6 @@ TEST(EpisodeLog, RowsThatTheDiskDamagedAreDroppedWithWhatFollows) {
   EXPECT_EQ(log.recorded("env-summer", 7), 1u);
   EXPECT_EQ(contents(path), bytes.substr(0, second));
   EXPECT_TRUE(log.record(numbered_episode(2))) << "sent again";
-}
-
-TEST(MetricsLog, RowsWaitForADiskThatIsFull) {
-  const Folder folder;
-  const std::string path = folder / "metrics.csv";
-  MetricsLog log(path, 0);
-  log.write(update(1));
-  const std::string before = contents(path);
-  {
-    const FullDisk full(before.size() + 3);
-    log.write(update(2));
-    log.write(update(3));
-    EXPECT_TRUE(contains(log.problem(), path));
-    EXPECT_EQ(contents(path), before);
-  }
-  log.flush();
-  EXPECT_EQ(log.problem(), "");
-  EXPECT_TRUE(contains(contents(path), "\n2,200,"));
-  EXPECT_TRUE(contains(contents(path), "\n3,300,"));
-}
-
-TEST(EventLog, EventsWaitForADiskThatIsFull) {
-  const Folder folder;
-  std::string whole;
-  {
-    EventLog log(folder / "calm", 0);
-    for (std::uint64_t number = 1; number <= 3; ++number) log.write(update(number));
-    whole = contents(log.path());
-  }
-  EventLog log(folder / "full", 0);
-  log.write(update(1));
-  const std::string before = contents(log.path());
-  {
-    const FullDisk full(before.size() + 20);
-    log.write(update(2));
-    EXPECT_NE(log.problem(), "");
-    EXPECT_EQ(contents(log.path()), before);
-  }
-  log.write(update(3));
-  EXPECT_EQ(log.problem(), "");
-  EXPECT_EQ(contents(log.path()).size(), whole.size());
 }
 
 }  // namespace

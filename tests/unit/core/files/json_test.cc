@@ -5,7 +5,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include "tests/support/options.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

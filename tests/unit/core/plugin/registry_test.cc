@@ -26,27 +26,16 @@ TEST(Parameters, DefaultsAndGivenValues) {
   EXPECT_EQ(parameters.integer("layers"), 3);
   EXPECT_TRUE(parameters.flag("bias"));
   EXPECT_EQ(parameters.values().size(), 3u);
+  EXPECT_THROW(parameters["depth"], Error) << "it was not declared";
 }
 
-TEST(Parameters, BoundsAreAllowed) { EXPECT_EQ(parameter_refusal({{"rate", 0}, {"layers", 8}}), ""); }
-
-TEST(Parameters, UnknownNamesTheKnown) {
+TEST(Parameters, WrongOnesAreNamed) {
+  EXPECT_EQ(parameter_refusal({{"rate", 0}, {"layers", 8}}), "") << "bounds are allowed";
   EXPECT_EQ(parameter_refusal({{"depth", 3}}), "network 'mlp': unknown parameter 'depth' (known: rate, layers, bias)");
-}
-
-TEST(Parameters, RangeIsChecked) {
   EXPECT_EQ(parameter_refusal({{"rate", 1.5}}), "network 'mlp'.rate: is 1.5, must be 0..1");
   EXPECT_EQ(parameter_refusal({{"layers", 0}}), "network 'mlp'.layers: is 0, must be 1..8");
   EXPECT_NE(parameter_refusal({{"rate", std::nan("")}}), "");
-}
-
-TEST(Parameters, WholeNumbersAreChecked) {
   EXPECT_EQ(parameter_refusal({{"layers", 2.5}}), "network 'mlp'.layers: is 2.5, must be a whole number");
-}
-
-TEST(Parameters, UndeclaredIsAnError) {
-  const Parameters parameters("network 'mlp'", kSpecs, {});
-  EXPECT_THROW(parameters["depth"], Error);
 }
 
 struct Shape {

@@ -10,8 +10,6 @@
 #include <fstream>
 #include <functional>
 #include <map>
-#include <numeric>
-#include <set>
 #include <sstream>
 #include <string>
 

@@ -4,7 +4,6 @@
 
 #include <atomic>
 #include <cmath>
-#include <filesystem>
 #include <thread>
 
 #include "tests/support/processes/service.h"

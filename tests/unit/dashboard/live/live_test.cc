@@ -14,15 +14,12 @@
 
 #include "core/files/image_header.h"
 #include "dashboard/live/json.h"
-#include "dashboard/live/route_archive.h"
-#include "dashboard/store/store_reader.h"
 #include "env_service/images/image_sources.h"
 #include "tests/support/data/fake_images.h"
 #include "tests/support/env/env.h"
 #include "tests/support/env/env_service_thread.h"
 #include "tests/support/env/scripted_policy.h"
 #include "tests/support/env/streets_traversal.h"
-#include "tests/support/files.h"
 #include "tests/support/options.h"
 #include "tests/support/records/records.h"
 #include "tests/support/text.h"
@@ -419,34 +416,6 @@ TEST_F(LiveRun, ManyFramesAskedForAtOnceAllCome) {
   ASSERT_TRUE(until([&] { return live.frame(hash, 0).readiness != Readiness::kNone; }));
   ASSERT_TRUE(until([&] { return all(Readiness::kHere); }));
   EXPECT_EQ(images->reads, 39) << "each once";
-}
-
-TEST_F(LiveRun, WhatARunShowsIsStoredWhileNobodyLooks) {
-  const std::uint64_t hash = street.hash();
-  Folder folder;
-  Store store({folder / "dashboard.sqlite", 0});
-  store.record(run_info());
-  store.record(std::vector{episode(1)});
-  msg::TraversalInfo hosted = traversal_info();
-  hosted.hash(hash);
-  store.describe(hosted);
-  RouteArchive archive{RouteStore(store), live, {{}, milliseconds(0), milliseconds(0)}};
-  StoreReader reader(store.path());
-  const auto kept = [&](std::uint32_t frame) {
-    const auto picture = reader.picture(hash, frame);
-    return picture && picture->frame == frame;
-  };
-  ASSERT_TRUE(until([&] {
-    archive.poll();
-    bool all = true;
-    for (std::uint32_t frame = 0; frame < 39; ++frame) all = kept(frame) && all;
-    return all && reader.map(hash);
-  }));
-  EXPECT_EQ(images->reads, 40) << "each once; the last one cannot be read";
-  EXPECT_FALSE(kept(39));
-  EXPECT_EQ(reader.map(hash)->latitude, street.latitude);
-  const auto picture = reader.picture(hash, 7);
-  EXPECT_EQ(read_image_header(std::as_bytes(std::span(picture->picture.bytes)), "picture").width, 80);
 }
 
 TEST_F(LiveRun, APauseFollowsAPictureThatNobodyWaitsFor) {

@@ -11,7 +11,6 @@
 #include "dashboard/store/store_reader.h"
 #include "tests/support/data/sample_pictures.h"
 #include "tests/support/files.h"
-#include "tests/support/options.h"
 #include "tests/support/records/records.h"
 #include "tests/support/wait.h"
 

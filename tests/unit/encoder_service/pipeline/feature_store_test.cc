@@ -2,8 +2,6 @@
 #include "encoder_service/pipeline/feature_store.h"
 
 #include <gtest/gtest.h>
-#include <sched.h>
-#include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
@@ -403,29 +401,6 @@ TEST_F(FeatureStoreTest, AFullDiskKeepsTheFramesBefore) {
   for (int frame = 0; frame < 50; ++frame) EXPECT_EQ(read(store, kStoreKey, frame), frame < 10);
   write(store, kStoreKey, 10);
   EXPECT_TRUE(read(store, kStoreKey, 10)) << "with room again";
-}
-
-TEST_F(FeatureStoreTest, ARealFullDisk) {
-  FeatureStore::Key key = kStoreKey;
-  key.frames = 4000;  // 512 kB of descriptors on a disk of 256 kB, which only this child sees
-  const pid_t writer = child([&] {
-    if (::unshare(CLONE_NEWNS) != 0 || ::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
-        ::mount("none", folder.path().c_str(), "tmpfs", 0, "size=256k") != 0)
-      return 77;
-    FeatureStore store(folder.path(), key);
-    int written = 0;
-    const std::string message = error_of([&] {
-      for (; written < key.frames; ++written) write(store, key, written);
-    });
-    if (!contains(message, "No space left on device") || !contains(message, "make room")) return 1;
-    if (written < 1000) return 2;
-    for (int frame = 0; frame < key.frames; ++frame)
-      if (read(store, key, frame) != (frame < written)) return 3;
-    return 0;
-  });
-  const int status = status_of(writer);
-  if (status == 77) GTEST_SKIP() << "only root may mount a small disk";
-  EXPECT_EQ(status, 0);
 }
 
 TEST_F(FeatureStoreTest, AFullDiskLeavesNoPartOfANewFile) {

@@ -3,10 +3,8 @@
 
 #include <gtest/gtest.h>
 
-#include <filesystem>
 #include <fstream>
 
-#include "core/util/error.h"
 #include "core/util/random.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"

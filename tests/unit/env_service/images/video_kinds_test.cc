@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <opencv2/core.hpp>
 #include <random>
 #include <string>
-#include <vector>
 
 #include "env_service/images/image_sources.h"
 #include "tests/support/files.h"

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
-#include <numeric>
 
 #include "core/util/random.h"
 #include "env_service/dataset_io/selection.h"

@@ -6,7 +6,6 @@
 #include <bit>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "core/files/files.h"
 #include "policy_service/interchange/export.h"

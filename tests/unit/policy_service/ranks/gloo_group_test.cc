@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ranks over DDS and gloo on loopback, each in a thread; a rank is killed by closing all that it has open.
+// Ranks over DDS and gloo on loopback, each in a thread.
 #include "policy_service/ranks/gloo_group.h"
 
 #include <gtest/gtest.h>
@@ -17,44 +17,7 @@
 namespace citylearn::testing {
 namespace {
 
-struct Killed {};
-
-/// The place where a rank is killed next.
-enum Place { kNowhere, kAnywhere, kBeforeMeeting, kBeforeSum, kBeforeVote, kWhileVoting };
-
-/// A group whose owner may die at given places.
-class Mortal : public RankGroup {
- public:
-  Mortal(const RankOptions& options, std::atomic<int>& death)
-      : death_(death), group_(options, [this] { die(voting_ ? kWhileVoting : kAnywhere); }) {}
-  RankMeeting meet(const RankArrival& arrival) override {
-    voting_ = false;
-    die(kBeforeMeeting);
-    return group_.meet(arrival);
-  }
-  void sum(std::span<float> values) override {
-    die(kBeforeSum);
-    group_.sum(values);
-  }
-  bool agree(bool succeeded) override {
-    die(kBeforeVote);
-    voting_ = true;
-    if (death_ == kWhileVoting) {
-      // It has voted as soon as it waits.
-      return group_.agree(succeeded), throw Killed(), false;
-    }
-    return group_.agree(succeeded);
-  }
-  void leave() override { group_.leave(); }
-
- private:
-  void die(int place) const {
-    if (death_ == place || death_ == kAnywhere) throw Killed();
-  }
-  std::atomic<int>& death_;
-  std::atomic<bool> voting_ = false;
-  GlooGroup group_;
-};
+struct Ended {};
 
 /// The results that all ranks saw after each update.
 struct Record {
@@ -68,32 +31,29 @@ class Rank {
   Rank(Record& record, RankOptions options)
       : record_(record), options_(std::move(options)), thread_([this] { run(); }) {}
   ~Rank() {
-    death = kAnywhere;
+    ended_ = true;
     thread_.join();
   }
   bool reaches(std::uint64_t wanted, milliseconds patience = seconds(20)) const {
     return poll_until([&] { return updates >= wanted; }, patience);
   }
-  void wait() {
-    EXPECT_TRUE(poll_until([&] { return over.load(); }, seconds(20)));
-  }
 
-  std::atomic<int> death = kNowhere;
   std::atomic<std::uint64_t> updates = 0;
   std::atomic<int> members = 0;
-  std::atomic<bool> over = false;
   std::string error;
 
  private:
   void run() {
     try {
-      Mortal group(options_, death);
+      GlooGroup group(options_, [this] {
+        if (ended_) throw Ended();
+      });
       SharedUpdates sharing(group);
       LearnerState state;
       state.counters = {{"steps", 0}, {"updates", 0}};
       state.tensors["parameters"] = Vector<float>::Zero(3000);
       LocalUpdate mine;
-      while (true) {
+      while (!ended_) {
         mine.updates = updates;
         mine.progress = std::to_string(updates);
         const SharedUpdate shared = sharing.share(
@@ -114,15 +74,15 @@ class Rank {
         ++state.counters["steps"];
         state.counters["updates"] = now;
       }
-    } catch (const Killed&) {
+    } catch (const Ended&) {
     } catch (const std::exception& problem) {
       error = problem.what();
     }
-    over = true;
   }
 
   Record& record_;
   const RankOptions options_;
+  std::atomic<bool> ended_ = false;
   std::thread thread_;
 };
 
@@ -149,35 +109,6 @@ TEST_F(Ranks, LearnTogether) {
   const std::lock_guard lock(record_.mutex);
   EXPECT_EQ(record_.updates.at(20).first, 3 * 20u);
   EXPECT_NEAR(record_.updates.at(20).second.mean(), 20 * 2.0, 1e-3) << "the mean of 1, 2 and 3";
-}
-
-TEST_F(Ranks, GoOnWithinThreeSecondsWithoutAKilledOneWhichComesBack) {
-  constexpr int kRanks = 3;
-  std::vector<std::unique_ptr<Rank>> ranks;
-  for (int rank = 0; rank < kRanks; ++rank) ranks.push_back(start(rank, kRanks));
-  ASSERT_TRUE(ranks[0]->reaches(3)) << ranks[0]->error;
-  for (const auto& [place, killed] : {std::pair{kAnywhere, 0},
-                                      {kBeforeMeeting, 1},
-                                      {kBeforeSum, 2},
-                                      {kBeforeVote, 1},
-                                      {kWhileVoting, 0},
-                                      {kWhileVoting, 2}}) {
-    ranks[static_cast<std::size_t>(killed)]->death = place;
-    ranks[static_cast<std::size_t>(killed)]->wait();
-    const Clock::time_point since = Clock::now();
-    for (int other = 0; other < kRanks; ++other) {
-      if (other == killed) continue;
-      const auto& rank = ranks[static_cast<std::size_t>(other)];
-      ASSERT_TRUE(poll_until([&] { return rank->members == kRanks - 1; }, seconds(3)))
-          << "rank " << other << " after a kill of " << killed << " at " << place << " " << rank->error;
-      ASSERT_TRUE(rank->reaches(rank->updates + 2, seconds(3))) << other << " " << rank->error;
-    }
-    EXPECT_LT(seconds_since(since), 3.0 * kSlowness);
-    ranks[static_cast<std::size_t>(killed)] = start(killed, kRanks);
-    for (const auto& rank : ranks)
-      ASSERT_TRUE(poll_until([&] { return rank->members == kRanks; }, seconds(20)))
-          << "after a kill of " << killed << " at " << place << ": " << rank->error;
-  }
 }
 
 TEST_F(Ranks, GoOnWhateverStrangersSay) {

@@ -5,9 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <filesystem>
 
-#include "core/util/random.h"
 #include "tests/support/processes/service.h"
 
 namespace citylearn::paper {
