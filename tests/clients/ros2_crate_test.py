@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Our nodes of ROS 2 as the crate ros2-client sees, hears, sends and calls them (ros2_client/)."""
 
+import contextlib
 import os
 import subprocess
 import tempfile
@@ -54,16 +55,23 @@ class Nodes(unittest.TestCase):
             ["tools/robot/citylearn_teach", f"--output={folder}", "--traversal=taught", "--camera=/nothing", *ros],
             ["env_service/env_service", "--dataset=live", f"--data={folder}", "--traversal=summer", "--as=robot",
              "--camera=/nothing", "--position=/pose", "--position-type=pose", "--goal=/goal_pose", *here, *ros]]
-        programs = [subprocess.Popen([BUILD / program, *options]) for program, *options in commands]
         peer = subprocess.Popen([PEER, str(domain), mapping], stdout=subprocess.PIPE, text=True)
-        with running(*programs, peer):
+        with running(peer), contextlib.ExitStack() as programs:
             timer = threading.Timer(SECONDS, peer.kill)
             timer.start()
             self.addCleanup(timer.cancel)
             missing, said = set(SAID), []
-            while missing and (line := peer.stdout.readline()):
-                said.append(line.rstrip("\n"))
-                missing.discard(said[-1])
+
+            def hear(awaited):
+                while awaited & missing and (line := peer.stdout.readline()):
+                    said.append(line.rstrip("\n"))
+                    missing.discard(said[-1])
+
+            # One after another: of what nodes tell of themselves the crate keeps one message, whoever sent it.
+            for (program, *options), node in zip(commands, ("simulated_robot", "teach", "env_robot")):
+                programs.enter_context(running(subprocess.Popen([BUILD / program, *options])))
+                hear({f"node /citylearn/{node}"})
+            hear(SAID)
         peer.stdout.close()
         self.assertEqual(missing, set(), "\n".join(said))
 
