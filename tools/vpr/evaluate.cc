@@ -24,8 +24,9 @@ namespace citylearn::vpr {
 namespace {
 
 /// Returns pairs (reference frame, query frame) at most `radius` metres apart: on the map when both traversals have
-/// coordinates, else along the route.
-std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius) {
+/// coordinates, else along the route. Adds query frames whose place is not known to `unplaced`.
+std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius,
+                                              std::vector<int>& unplaced) {
   const auto known = [](double number) { return std::isfinite(number); };
   const bool on_map =
       std::any_of(reference.latitude.begin(), reference.latitude.end(), known) && !query.latitude.empty();
@@ -42,6 +43,8 @@ std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const 
     if (const Point at = point(query, frame); known(at.x)) {
       grid.near(at, near);
       for (const Grid::Near& one : near) pairs.push_back({one.frame, frame});
+    } else {
+      unplaced.push_back(frame);
     }
   if (pairs.empty())
     throw Error("no frame of " + query.name + " is known to lie so near to one of " + reference.name, "--radius",
@@ -169,17 +172,22 @@ class Evaluation {
     reference_ = get(reference);
     for (const std::string& name : queries) {
       queries_.push_back(get(name));
-      if ((queries_.back().images == nullptr) != (reference_.images == nullptr))
-        throw Error("one has features and the other pictures", reference + " and " + name);
+      if (queries_.back().dimension != reference_.dimension)
+        throw Error(fmt::format("one has {} features a frame, the other {} (0: pictures)", reference_.dimension,
+                                queries_.back().dimension),
+                    reference + " and " + name);
       truths_.push_back(truth(queries_.back()));
     }
   }
 
-  GroundTruth truth(const Traversal& query) const {
-    if (options_.radius > 0)
-      return GroundTruth::by_matches(pairs_within(reference_, query, options_.radius), reference_.frames, query.frames,
-                                     0);
-    return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
+  GroundTruth truth(const Traversal& query) {
+    std::vector<int>& unplaced = unplaced_.emplace_back();
+    if (options_.radius == 0) return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
+    const auto pairs = pairs_within(reference_, query, options_.radius, unplaced);
+    if (!unplaced.empty())
+      spdlog::warn("{}: {} of {} frames have no known place and are not judged", query.name, unplaced.size(),
+                   query.frames);
+    return GroundTruth::by_matches(pairs, reference_.frames, query.frames, 0);
   }
 
   /// Makes all encoders before the first picture is encoded, so that a wrong option shows at once.
@@ -260,7 +268,8 @@ class Evaluation {
   void run_method(Row row, double encoding, double reducing, const lab::Method& method,
                   const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query, std::size_t index) {
     const Clock::time_point start = Clock::now();
-    const lab::Method::Result result = method.run(reference, query, truths_[index], options_.matching);
+    lab::Method::Result result = method.run(reference, query, truths_[index], options_.matching);
+    for (const int frame : unplaced_[index]) result.answers.nearest[static_cast<std::size_t>(frame)] = -1;
     const double seconds = reducing + seconds_since(start);
     const Answers& found = result.answers;
     const auto answerable = static_cast<double>(std::count(found.answerable.begin(), found.answerable.end(), true));
@@ -307,6 +316,7 @@ class Evaluation {
   Traversal reference_;
   std::vector<Traversal> queries_;
   std::vector<GroundTruth> truths_;
+  std::vector<std::vector<int>> unplaced_;  // by query: its frames whose place is not known, with --radius
   std::vector<Row> rows_;
 };
 

@@ -100,6 +100,23 @@ TEST(VprTool, RightAnswersWithinMetres) {
   EXPECT_EQ(recall(" --radius 3"), recall(" --tolerance 0")) << "frames lie 10 m apart, a little more or less";
 }
 
+/// Four queries equal four places. All four have one confidence, so two that were judged wrong would halve the area.
+TEST(VprTool, QueriesWithoutAPlaceAreNotJudged) {
+  const Folder data, output;
+  for (const std::string name : {"fall", "summer"}) make_file(data / (name + ".csv"), "1,0\n0,1\n-1,0\n0,-1\n");
+  make_file(data / "summer.poses.csv", "metres\n0\n10\n20\n30\n");
+  make_file(data / "fall.poses.csv", "metres\n0\n10\nnan\nnan\n");
+  const Ended ended =
+      vpr("--data " + data.path() + " --dimension 0 --centring none --radius 3 --output " + output.path());
+  EXPECT_TRUE(contains(ended.text, "fall: 2 of 4 frames have no known place and are not judged")) << ended.text;
+  const auto row = nlohmann::json::parse(contents(output / "results.json"))["rows"][0];
+  EXPECT_EQ(row["recall_1"], 1);
+  EXPECT_EQ(row["auc"], 1);
+  make_file(data / "spring.csv", "1\n2\n3\n4\n");
+  EXPECT_TRUE(contains(vpr("--data " + data.path() + " --query spring --output " + output.path()).text,
+                       "summer and spring: one has 2 features a frame, the other 1 (0: pictures)"));
+}
+
 TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
   const Folder data, output;
   write_features(data);
