@@ -66,19 +66,17 @@ struct BagTrack {
   }
 };
 
-/// Throws Error when the times of rows fall, or are all one, while those of the recorder grow.
+/// Throws Error when the times of rows go back, or are all one, while those of the recorder grow.
 template <class Row>
 void require_running_clock(const std::vector<Row>& rows, const std::string& topic) {
-  bool stands = rows.size() > 1, falls = false;
-  for (std::size_t i = 1; i < rows.size(); ++i) {
-    const bool later = rows[i].recorded > rows[i - 1].recorded;
-    stands = stands && later && rows[i].time == rows[i - 1].time;
-    falls = falls || (later && rows[i].time < rows[i - 1].time - kBagReach);
-  }
-  if (stands || falls)
-    throw Error(
-        std::string("its messages' stamps ") + (stands ? "are all one" : "go back") + " while they are recorded", topic,
-        "--rosbag2-stamp 1 takes the recorder's times");
+  const auto goes_back = [](const Row& a, const Row& b) {
+    return b.recorded > a.recorded && b.time < a.time - kBagReach;
+  };
+  const bool stands =
+      !rows.empty() && rows.front().recorded < rows.back().recorded && rows.front().time == rows.back().time;
+  if (stands || std::adjacent_find(rows.begin(), rows.end(), goes_back) != rows.end())
+    throw Error("its messages' stamps go back or stand still while they are recorded", topic,
+                "--rosbag2-stamp 1 takes the recorder's times");
 }
 
 /// Calls `use` with an empty message of the topic's type, if that is one of `Messages`.

@@ -105,7 +105,7 @@ void read_poses(const std::string& path, Traversal& traversal) {
   }
   if (table.has("metres")) {
     const std::vector<double> metres = column("metres");
-    for (std::size_t i = 0; i < metres.size(); ++i) traversal.positions[i] = static_cast<float>(metres[i]);
+    traversal.positions.assign(metres.begin(), metres.end());
   } else if (in_plane) {
     const std::vector<double>& z = traversal.height;
     if (!z.empty())

@@ -66,6 +66,9 @@ TEST_F(Plain, FramesThatHaveNoLengthAreTold) {
   const Log log;
   EXPECT_EQ(load("1,2\n0,0\n3,4\n0,-0\n").frames, 4);
   EXPECT_TRUE(log.has("x.csv:2: only zeros; places")) << log.text();
+  EXPECT_FALSE(log.has("x.csv: all its frames")) << log.text();
+  EXPECT_EQ(load("1,2\n1,2\n1,2\n").frames, 3);
+  EXPECT_TRUE(log.has("x.csv: all its frames have the same features")) << log.text();
 }
 
 TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {

@@ -214,8 +214,7 @@ TEST_F(Rosbag2, StampsThatGoBackOrStandAreRefused) {
       samples.back().time = 10'000 + 1000 * i;
     }
     write_bag_mcap(folder_ / "a.mcap", samples);
-    EXPECT_TRUE(contains(error_of_loading("a"), std::string("a.mcap: /camera: its messages' stamps ") +
-                                                    (lap ? "go back" : "are all one") + " while they are recorded"));
+    EXPECT_TRUE(contains(error_of_loading("a"), "a.mcap: /camera: its messages' stamps go back or stand still"));
     EXPECT_EQ(bags({{"stamp", 1}})->load("a").times, (std::vector<double>{10, 11, 12, 13}));
   }
 }
