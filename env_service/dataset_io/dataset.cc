@@ -67,9 +67,8 @@ Error no_traversals(const std::string& folder) {
   if (!deep.empty())
     return Error("no traversals found; pictures or films are in " + one_line(path_below(deep, folder)), folder,
                  "--data names the folder of which each folder, or film, is a traversal");
-  std::string there;
-  for (const auto& [kind, count] : kinds)
-    there += (there.empty() ? "" : ", ") + std::to_string(count) + " " + one_line(kind);
+  const std::string there =
+      joined(kinds, [](const auto& kind) { return std::to_string(kind.second) + " " + one_line(kind.first); });
   return Error("no traversals found; expected NAME/, NAME.mp4 or NAME.csv", folder,
                there.empty() ? "" : "files there: " + there);
 }

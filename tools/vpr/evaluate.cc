@@ -9,6 +9,7 @@
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 
 #include "core/files/files.h"
 #include "core/util/error.h"
@@ -26,7 +27,7 @@ namespace {
 /// Returns pairs (reference frame, query frame) at most `radius` metres apart: on the map when both traversals have
 /// coordinates, else along the route. Adds query frames whose place is not known to `unplaced`.
 std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius,
-                                              std::vector<int>& unplaced) {
+                                              std::set<int>& unplaced) {
   const auto known = [](double number) { return std::isfinite(number); };
   const bool on_map =
       std::any_of(reference.latitude.begin(), reference.latitude.end(), known) && !query.latitude.empty();
@@ -44,7 +45,7 @@ std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const 
       grid.near(at, near);
       for (const Grid::Near& one : near) pairs.push_back({one.frame, frame});
     } else {
-      unplaced.push_back(frame);
+      unplaced.insert(frame);
     }
   if (pairs.empty())
     throw Error("no frame of " + query.name + " is known to lie so near to one of " + reference.name, "--radius",
@@ -180,14 +181,20 @@ class Evaluation {
     }
   }
 
-  GroundTruth truth(const Traversal& query) {
-    std::vector<int>& unplaced = unplaced_.emplace_back();
-    if (options_.radius == 0) return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
-    const auto pairs = pairs_within(reference_, query, options_.radius, unplaced);
+  GroundTruth truth(const Traversal& query) const {
+    std::set<int> unplaced;
+    const bool by_metres = options_.radius > 0;
+    GroundTruth truth = by_metres ? GroundTruth::by_matches(pairs_within(reference_, query, options_.radius, unplaced),
+                                                            reference_.frames, query.frames, 0)
+                                  : GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
+    for (const std::vector<bool>* unmatched : {&reference_.unmatched, &query.unmatched})
+      for (std::size_t i = 0; !by_metres && i < unmatched->size(); ++i)
+        if ((*unmatched)[i]) unplaced.insert(static_cast<int>(i));
+    for (const int frame : unplaced) truth.leave_out(frame);
     if (!unplaced.empty())
       spdlog::warn("{}: {} of {} frames have no known place and are not judged", query.name, unplaced.size(),
                    query.frames);
-    return GroundTruth::by_matches(pairs, reference_.frames, query.frames, 0);
+    return truth;
   }
 
   /// Makes all encoders before the first picture is encoded, so that a wrong option shows at once.
@@ -268,8 +275,7 @@ class Evaluation {
   void run_method(Row row, double encoding, double reducing, const lab::Method& method,
                   const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query, std::size_t index) {
     const Clock::time_point start = Clock::now();
-    lab::Method::Result result = method.run(reference, query, truths_[index], options_.matching);
-    for (const int frame : unplaced_[index]) result.answers.nearest[static_cast<std::size_t>(frame)] = -1;
+    const lab::Method::Result result = method.run(reference, query, truths_[index], options_.matching);
     const double seconds = reducing + seconds_since(start);
     const Answers& found = result.answers;
     const auto answerable = static_cast<double>(std::count(found.answerable.begin(), found.answerable.end(), true));
@@ -316,7 +322,6 @@ class Evaluation {
   Traversal reference_;
   std::vector<Traversal> queries_;
   std::vector<GroundTruth> truths_;
-  std::vector<std::vector<int>> unplaced_;  // by query: its frames whose place is not known, with --radius
   std::vector<Row> rows_;
 };
 

@@ -30,16 +30,16 @@ Ended vpr(const std::string& arguments) {
   return {status, program.output()};
 }
 
-/// summer.csv, and fall.csv with noise on it; 60 frames of 16 features.
-void write_features(const Folder& folder) {
+/// summer.csv, and fall.csv with noise on it, which lacks those from `hole` to `after`; frames of 16 features.
+void write_features(const Folder& folder, int frames = 60, int hole = 0, int after = 0) {
   Random random(3);
   std::ofstream summer(folder / "summer.csv"), fall(folder / "fall.csv");
-  for (int frame = 0; frame < 60; ++frame)
+  for (int frame = 0; frame < frames; ++frame)
     for (int d = 0; d < 16; ++d) {
-      const double value = random.normal();
+      const double value = random.normal(), other = value + 0.5 * random.normal();
       const char* end = d < 15 ? "," : "\n";
       summer << value << end;
-      fall << value + 0.5 * random.normal() << end;
+      if (frame < hole || frame >= after) fall << other << end;
     }
 }
 
@@ -115,6 +115,16 @@ TEST(VprTool, QueriesWithoutAPlaceAreNotJudged) {
   make_file(data / "spring.csv", "1\n2\n3\n4\n");
   EXPECT_TRUE(contains(vpr("--data " + data.path() + " --query spring --output " + output.path()).text,
                        "summer and spring: one has 2 features a frame, the other 1 (0: pictures)"));
+}
+
+/// The query lacks 32 of 96 places, where it shows others: judged there, 64 of 96 answers would be right.
+TEST(VprTool, PlacesThatAQueryLacksAreNotJudged) {
+  const Folder data, output;
+  write_features(data, 96, 40, 72);
+  const Ended ended =
+      vpr("--data " + data.path() + " --dimension 0 --centring none --align-by sight --output " + output.path());
+  EXPECT_TRUE(contains(ended.text, "fall: 32 of 96 frames have no known place and are not judged")) << ended.text;
+  EXPECT_EQ(nlohmann::json::parse(contents(output / "results.json"))["rows"][0]["recall_1"], 1);
 }
 
 TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
