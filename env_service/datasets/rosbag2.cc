@@ -310,9 +310,8 @@ class Rosbag2 : public FolderDataset {
     bool any = false;
     for (std::size_t frame = 0; frame < a.size(); ++frame) {
       const double now = traversal.times[frame];
-      const auto next = std::lower_bound(rows.times.begin(), rows.times.end(), now);
-      const bool near = (next != rows.times.end() && *next - now <= kBagReach) ||
-                        (next != rows.times.begin() && now - next[-1] <= kBagReach);
+      const auto next = std::lower_bound(rows.times.begin(), rows.times.end(), now - kBagReach);
+      const bool near = next != rows.times.end() && *next - now <= kBagReach;
       if (!near) a[frame] = b[frame] = std::nan("");
       any = any || near;
     }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <iostream>
 #include <memory>
+#include <opencv2/core/eigen.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <set>
@@ -101,12 +102,9 @@ std::string matrix_png(const Eigen::MatrixXf& matrix) {
     high = at(0.99);
   }
   const float scale = high > low ? 255 / (high - low) : 0;
-  cv::Mat grey(static_cast<int>(matrix.rows()), static_cast<int>(matrix.cols()), CV_8U), colour;
-  for (int c = 0; c < grey.cols; ++c)
-    for (int r = 0; r < grey.rows; ++r) {
-      const float level = (matrix(r, c) - low) * scale;
-      grey.at<std::uint8_t>(r, c) = std::isnan(level) ? 0 : static_cast<std::uint8_t>(std::clamp(level, 0.0f, 255.0f));
-    }
+  cv::Mat grey, colour;
+  cv::eigen2cv(matrix, grey);
+  grey.convertTo(grey, CV_8U, scale, -low * scale);  // what is not finite becomes 0
   try {
     cv::applyColorMap(grey, colour, cv::COLORMAP_VIRIDIS);
     std::vector<std::uint8_t> file;

@@ -117,14 +117,15 @@ TEST(VprTool, QueriesWithoutAPlaceAreNotJudged) {
                        "summer and spring: one has 2 features a frame, the other 1 (0: pictures)"));
 }
 
-/// The query lacks 32 of 96 places, where it shows others: judged there, 64 of 96 answers would be right.
+/// The query lacks 32 of 96 places, where it shows others: judged there, at most 64 of 96 answers, .67, would be right.
 TEST(VprTool, PlacesThatAQueryLacksAreNotJudged) {
   const Folder data, output;
   write_features(data, 96, 40, 72);
   const Ended ended =
       vpr("--data " + data.path() + " --dimension 0 --centring none --align-by sight --output " + output.path());
   EXPECT_TRUE(contains(ended.text, "fall: 32 of 96 frames have no known place and are not judged")) << ended.text;
-  EXPECT_EQ(nlohmann::json::parse(contents(output / "results.json"))["rows"][0]["recall_1"], 1);
+  const auto row = nlohmann::json::parse(contents(output / "results.json"))["rows"][0];
+  EXPECT_GT(row["recall_1"].get<double>(), 0.9);
 }
 
 TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
