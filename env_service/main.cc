@@ -126,7 +126,9 @@ int serve(CommandLine& line) {
   };
   if (line.list_traversals) {
     int status = 0;
-    for (const std::string& name : dataset->names()) {
+    const std::vector<std::string> names = dataset->names();
+    if (names.empty()) throw unknown_traversal("", line.source.folder, names);
+    for (const std::string& name : names) {
       std::cout << (line.show ? "recording " : "") << one_line(name) << std::endl;
       if (line.show) try {
           show(load(name));

@@ -12,6 +12,7 @@
 #include <atomic>
 #include <bit>
 #include <cctype>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <future>
@@ -180,16 +181,21 @@ Actions act(Policy& policy, const Array<float>& features, const Array<std::int64
             int first_frame) {
   const py::ssize_t agents = goal.size(), dimension = features.ndim() == 2 ? features.shape(1) : 0;
   const bool fits = features.ndim() == 2 && features.shape(0) == agents && mask.size() == agents * kActions;
-  if (!fits || previous_action.size() != agents || start.size() != agents)
-    throw Error("differ in their numbers of agents", "observations", "give them as VectorEnv has them");
+  const auto require = [](bool good, const char* fault) {
+    if (!good) throw Error(fault, "observations", "give them as VectorEnv has them");
+  };
+  require(fits && previous_action.size() == agents && start.size() == agents, "differ in their numbers of agents");
+  require(std::all_of(features.data(), features.data() + features.size(), [](float x) { return std::isfinite(x); }),
+          "features are not finite");
   msg::Observation seen;
   seen.feature_dimension() = static_cast<std::uint32_t>(dimension);
   seen.features().assign(features.data(), features.data() + features.size());
   for (py::ssize_t agent = 0; agent < agents; ++agent) {
-    seen.goal().push_back(static_cast<std::uint32_t>(goal.data()[agent] + first_frame));
-    const bool none = previous_action.data()[agent] == kActions;
-    seen.previous_action().push_back(
-        static_cast<std::uint8_t>(none ? std::int64_t{kNoAction} : previous_action.data()[agent]));
+    const std::int64_t place = goal.data()[agent], before = previous_action.data()[agent];
+    require(place >= 0 && place < msg::MAX_FRAMES, "a goal is not a place");
+    require(before >= 0 && before <= kActions, "a previous_action is not 0 to 3");
+    seen.goal().push_back(static_cast<std::uint32_t>(place + first_frame));
+    seen.previous_action().push_back(static_cast<std::uint8_t>(before == kActions ? std::int64_t{kNoAction} : before));
     unsigned allowed = 0;
     for (int action = 0; action < kActions; ++action)
       if (mask.data()[agent * kActions + action]) allowed |= 1u << action;

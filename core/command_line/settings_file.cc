@@ -6,6 +6,8 @@
 #include <set>
 #include <sstream>
 
+#include "core/util/text.h"
+
 namespace citylearn {
 namespace {
 
@@ -19,7 +21,7 @@ class SettingsFile : public CLI::ConfigTOML {
   std::vector<CLI::ConfigItem> from_config(std::istream& input) const override {
     std::string line, text;
     while (std::getline(input, line)) {
-      if (text.empty() && line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);  // a byte order mark
+      if (text.empty()) line = without_byte_order_mark(line);
       char quote = 0;
       std::size_t end = 0;
       for (; end < line.size() && (quote != 0 || line[end] != '#'); ++end) {

@@ -32,6 +32,11 @@ inline std::vector<std::string_view> split(std::string_view text, char separator
   return parts;
 }
 
+/// Returns the text behind the byte order mark that it may begin with.
+inline std::string_view without_byte_order_mark(std::string_view text) {
+  return text.substr(text.starts_with("\xEF\xBB\xBF") ? 3 : 0);
+}
+
 /// Replaces control characters, for one line of a message or a header: names and texts from elsewhere may hold any.
 inline std::string one_line(std::string text) {
   for (char& c : text)

@@ -153,6 +153,8 @@ Reduction Reduction::learn(MatrixXf reference, const ReductionOptions& options) 
   if (!reference.allFinite()) throw Error("a descriptor that is not finite", "reference");
   if (reference.cols() > kMaxSample)
     reference = reference(Eigen::all, training_frames(kMaxSample, static_cast<int>(reference.cols()))).eval();
+  if (reference.cols() > 1 && (reference.colwise() - reference.col(0)).isZero(0))
+    spdlog::warn("all {} descriptors of the reference are equal: no place can be told from another", reference.cols());
   if (options.dimension > 0 && options.whitening >= 0.5 && 2 * options.dimension > reference.cols() - 1)
     spdlog::warn(
         "full whitening to {} dimensions from {} frames: the last ones are noise; take fewer or an exponent of 0.2",

@@ -18,11 +18,16 @@ struct Foreign {
   const char *ending, *what, *remedy;
   const char* dataset = nullptr;  // that reads sound ones and says what is wrong with others
 };
+constexpr const char *kFeatures = "has arrays, which are not read",
+                     *kWriteTable = "write each recording as a table: numpy.savetxt('NAME.csv', array, delimiter=',')";
 constexpr Foreign kForeign[] = {
     {"meta/info.json", "is a dataset of LeRobot",
      "make recordings of its episodes: python3 -m citylearn.lerobot DATASET FOLDER, with the Python package"},
     {".bag", "is a bag of ROS 1, which is not read", "convert it: rosbags-convert --src FILE.bag --dst FOLDER"},
     {".ldb", "has StreetLearn in a folder of its own", "--data names that folder", "streetlearn"},
+    {".npy", kFeatures, kWriteTable},
+    {".npz", kFeatures, kWriteTable},
+    {".safetensors", kFeatures, kWriteTable},
     {".pbf", "is a street map, not a recording", "put it beside recordings with positions, for --rule street"},
     {".osm", "is a street map, not a recording", "put it beside recordings with positions, for --rule street"},
 };
@@ -62,9 +67,8 @@ Error no_traversals(const std::string& folder) {
   if (!deep.empty())
     return Error("no traversals found; pictures or films are in " + one_line(path_below(deep, folder)), folder,
                  "--data names the folder of which each folder, or film, is a traversal");
-  std::string there;
-  for (const auto& [kind, count] : kinds)
-    there += (there.empty() ? "" : ", ") + std::to_string(count) + " " + one_line(kind);
+  const std::string there =
+      joined(kinds, [](const auto& kind) { return std::to_string(kind.second) + " " + one_line(kind.first); });
   return Error("no traversals found; expected NAME/, NAME.mp4 or NAME.csv", folder,
                there.empty() ? "" : "files there: " + there);
 }

@@ -28,6 +28,9 @@ class Table {
     });
     if (traversal_.frames == 0) throw Error("has no frames", path_);
     if (traversal_.frames == 1) throw Error("has only one frame, a route needs two", path_);
+    const std::vector<float>& all = traversal_.features;
+    if (std::equal(all.begin() + traversal_.dimension, all.end(), all.begin()))
+      spdlog::warn("{}: all its frames have the same features: no place can be told from another", path_);
     refuse_header_and_index();
   }
 

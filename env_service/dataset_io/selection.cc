@@ -185,8 +185,8 @@ Traversal load(Dataset& dataset, const std::string& name) {
   if (!traversal.images)
     throw Error("has no pictures to move", "traversal '" + *whole + "'", "leave -left and -right out");
   const bool left = name.ends_with("-left");
-  spdlog::info("{} is {} as a camera further {} would have seen it: there is no recording of this name", name, *whole,
-               left ? "left" : "right");
+  spdlog::info("'{}' is '{}' as a camera further {} would have seen it: there is no recording of this name", name,
+               *whole, left ? "left" : "right");
   traversal.name = name;
   traversal.images = moved(traversal.images, left ? kMove : -kMove);
   return traversal;

@@ -117,9 +117,13 @@ Points read_kml(const XMLElement& root, const std::string& path) {
   return points;
 }
 
-/// The time that a GeoJSON file tells: ISO 8601, or seconds or milliseconds since 1970.
+/// The time that a GeoJSON file tells: ISO 8601, or seconds since 1970, or thousandths, millionths or billionths.
 double json_time(const json& value) {
-  if (value.is_number()) return value.get<double>() / (value.get<double>() > 1e11 ? 1000 : 1);
+  if (value.is_number()) {
+    double time = value.get<double>();
+    while (time > 1e11 && std::isfinite(time)) time /= 1000;
+    return time;
+  }
   return value.is_string() ? read_moment(value.get_ref<const std::string&>()).utc() : kUnknown;
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <map>
 
@@ -19,39 +19,17 @@ namespace {
 
 constexpr double kKittiReach = 0.2;  // seconds; frames and OXTS packets come at 10 Hz
 
-/// "2011-09-26 13:02:25.967790592" as seconds since 1970.
-double seconds(const TextTable& table, int row) {
-  if (table.columns(row) < 2) table.fail(row, "not a date and a time");
-  const std::string date(table.text(row, 0)), time(table.text(row, 1));
-  if (!has_form(date, "0000-00-00") || !has_form(time.substr(0, 8), "00:00:00"))
-    table.fail(row, "not a date and a time like 2011-09-26 13:02:25.967790592");
-  const auto field = [](const std::string& text, std::size_t at, std::size_t size) {
-    return std::stoi(text.substr(at, size));
-  };
-  const std::chrono::year_month_day day{std::chrono::year(field(date, 0, 4)),
-                                        std::chrono::month(static_cast<unsigned>(field(date, 5, 2))),
-                                        std::chrono::day(static_cast<unsigned>(field(date, 8, 2)))};
-  if (!day.ok()) table.fail(row, "no such day");
-  double fraction = 0, digit = 0.1;
-  for (std::size_t i = 9; i < time.size(); ++i, digit /= 10) {
-    if (time[i] < '0' || time[i] > '9') table.fail(row, "not a time");
-    fraction += digit * (time[i] - '0');
-  }
-  const auto days = std::chrono::sys_days(day).time_since_epoch().count();
-  return static_cast<double>(days * 86400 + field(time, 0, 2) * 3600 + field(time, 3, 2) * 60 + field(time, 6, 2)) +
-         fraction;
-}
-
+/// Returns the seconds since 1970 of each row, "2011-09-26 13:02:25.967790592".
 std::vector<double> read_times(const std::string& path) {
   const TextTable table(path, {' ', false});
   std::vector<double> times;
-  for (int row = 0; row < table.rows(); ++row) times.push_back(seconds(table, row));
+  for (int row = 0; row < table.rows(); ++row) {
+    times.push_back(read_moment(std::string(table.text(row, 0)) + "T" +
+                                std::string(table.columns(row) > 1 ? table.text(row, 1) : ""))
+                        .seconds);
+    if (std::isnan(times.back())) table.fail(row, "not a date and a time like 2011-09-26 13:02:25.967790592");
+  }
   return times;
-}
-
-std::string padded(int number, int width) {
-  std::string digits = std::to_string(number);
-  return std::string(static_cast<std::size_t>(std::max(0, width - static_cast<int>(digits.size()))), '0') + digits;
 }
 
 /// KITTI. Raw recordings (Geiger, Lenz, Stiller, Urtasun, IJRR 2013), each a traversal named like its folder:
@@ -70,11 +48,8 @@ class Kitti : public FolderDataset {
         camera_(std::to_string(parameters.integer("camera"))) {}
 
   std::vector<std::string> names() override {
-    std::vector<std::string> found;
-    for (const auto& [name, path] : recordings()) found.push_back(name);
-    if (!found.empty()) return found;
-    not_recognised("sequences/NN/image_" + camera_ + " or <date>/<date>_drive_NNNN_sync/image_0" + camera_ +
-                   " in it (--kitti-camera chooses another)");
+    return names_of(recordings(), "sequences/NN/image_" + camera_ + " or <date>/<date>_drive_NNNN_sync/image_0" +
+                                      camera_ + " in it (--kitti-camera chooses another)");
   }
 
   std::string condition(const std::string&) override { return "day"; }
@@ -123,7 +98,8 @@ class Kitti : public FolderDataset {
   /// Returns a traversal with the pictures of a folder, named by numbers of so many digits.
   Traversal seen(const std::string& name, const std::string& folder, int frames, int digits) const {
     std::vector<std::string> paths;
-    for (int frame = 0; frame < frames; ++frame) paths.push_back(below(folder, padded(frame, digits) + ".png"));
+    for (int frame = 0; frame < frames; ++frame)
+      paths.push_back(below(folder, fmt::format("{:0{}}.png", frame, digits)));
     return pictured(name, std::move(paths), folder);
   }
 
@@ -136,7 +112,7 @@ class Kitti : public FolderDataset {
     const std::vector<double> packets = read_times(below(oxts, "timestamps.txt"));
     for (std::size_t packet = 0; packet < packets.size(); ++packet) {
       if (rows.falls(packets[packet])) continue;  // some _extract drives hold late ones
-      const std::string path = below(oxts, "data/" + padded(static_cast<int>(packet), 10) + ".txt");
+      const std::string path = below(oxts, fmt::format("data/{:010}.txt", packet));
       if (!is_file(path)) {
         missing.push_back(path);
         continue;

@@ -211,8 +211,7 @@ class OxfordRobotcar : public FolderDataset {
     }
     if (times.empty()) return;
     const std::vector<double> along = interpolate(times, metres, traversal.times, kRobotCarReach);
-    std::transform(along.begin(), along.end(), traversal.positions.begin(),
-                   [](double m) { return static_cast<float>(m); });
+    traversal.positions.assign(along.begin(), along.end());
   }
 
   Camera camera_;

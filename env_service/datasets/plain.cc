@@ -86,14 +86,14 @@ class Plain : public FolderDataset {
                           : lower(path).ends_with(".csv") ? featured(name, path)
                                                           : filmed(name, paths, &began, &begins);
     const std::string inside = folder_ + "/" + name + "/poses.csv";
-    std::string beside;
+    std::vector<std::string> poses;
     for (const std::string& file : files_in(folder_, {kPoses}))
-      if (file.starts_with(name) && file.size() == name.size() + kPoses.size()) beside = folder_ + "/" + file;
-    const bool is_beside = !beside.empty(), is_inside = is_file(inside);
-    if (is_beside && is_inside) throw Error("there is " + inside + " too", beside, "remove one of them");
-    if (is_beside || is_inside) {
-      traversal.places_from = path_below(is_beside ? beside : inside, folder_);
-      read_poses(is_beside ? beside : inside, traversal);
+      if (file.starts_with(name) && file.size() == name.size() + kPoses.size()) poses.push_back(folder_ + "/" + file);
+    if (is_file(inside)) poses.push_back(inside);
+    if (poses.size() > 1) throw Error("there is " + poses[1] + " too", poses[0], "remove one of them");
+    if (!poses.empty()) {
+      traversal.places_from = path_below(poses[0], folder_);
+      read_poses(poses[0], traversal);
       return traversal;
     }
     if (traversal.times.empty()) return traversal;

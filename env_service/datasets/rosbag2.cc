@@ -3,7 +3,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -43,19 +42,42 @@ std::uint64_t fingerprint_of(std::span<const std::byte> message) {
 }
 
 struct BagPicture {
-  double time;  ///< seconds
+  double time, recorded;  ///< seconds, of the frame and of the recorder
   BagPlace place;
   std::uint64_t fingerprint;
   std::string fault;
+};
+struct BagPosition {
+  double time, recorded;  ///< likewise
+  double x, y, height;    ///< x and y, or latitude and longitude
 };
 
 /// What one topic gives.
 struct BagTrack {
   std::vector<BagPicture> pictures;
-  std::vector<std::array<double, 4>> positions;  ///< time; x and y, or latitude and longitude; height
-  std::string frame;                             ///< in which positions are
-  std::map<std::string, int> refused;            ///< messages by reason
+  std::vector<BagPosition> positions;
+  std::string frame;                   ///< in which all are
+  std::map<std::string, int> refused;  ///< messages by reason
+
+  /// Returns why a message in this frame does not belong to those taken before; empty when it does.
+  std::string fault_of_frame(const std::string& given) {
+    if (pictures.empty() && positions.empty()) frame = given;
+    return given == frame ? "" : "is in frame '" + one_line(given) + "', others in '" + one_line(frame) + "'";
+  }
 };
+
+/// Throws Error when the times of rows go back, or are all one, while those of the recorder grow.
+template <class Row>
+void require_running_clock(const std::vector<Row>& rows, const std::string& topic) {
+  const auto goes_back = [](const Row& a, const Row& b) {
+    return b.recorded > a.recorded && b.time < a.time - kBagReach;
+  };
+  const bool stands =
+      !rows.empty() && rows.front().recorded < rows.back().recorded && rows.front().time == rows.back().time;
+  if (stands || std::adjacent_find(rows.begin(), rows.end(), goes_back) != rows.end())
+    throw Error("its messages' stamps go back or stand still while they are recorded", topic,
+                "--rosbag2-stamp 1 takes the recorder's times");
+}
 
 /// Calls `use` with an empty message of the topic's type, if that is one of `Messages`.
 template <class... Messages, class Use>
@@ -189,7 +211,7 @@ class Rosbag2 : public FolderDataset {
         [&](const BagMessage& message) { take(bag->topics()[message.topic], message, tracks[message.topic]); });
     for (BagTrack& track : tracks)
       if (const int strays = erase_strays(track.pictures, [](const BagPicture& picture) { return picture.time; }) +
-                             erase_strays(track.positions, [](const auto& position) { return position[0]; }))
+                             erase_strays(track.positions, [](const BagPosition& row) { return row.time; }))
         track.refused[kStrayStamp] = strays;
     const std::vector<BagTopic>& topics = bag->topics();
     const std::optional<std::size_t> camera = choose(topics, is_camera, camera_, "camera", path),
@@ -214,14 +236,16 @@ class Rosbag2 : public FolderDataset {
 
     std::vector<BagPicture>& pictures = tracks[*camera].pictures;
     if (pictures.empty()) throw Error(left_out.faults.back(), path);
+    require_running_clock(pictures, path + ": " + topics[*camera].name);
     std::stable_sort(pictures.begin(), pictures.end(), [](auto& a, auto& b) { return a.time < b.time; });
     Traversal traversal = unfilled(name, static_cast<int>(pictures.size()), path);
     for (const BagPicture& picture : pictures) traversal.times.push_back(picture.time);
     if (position) {
       auto& positions = tracks[*position].positions;
-      std::stable_sort(positions.begin(), positions.end(), [](auto& a, auto& b) { return a[0] < b[0]; });
       GpsRows rows{{}, {}, {}, {}, path + ": " + topics[*position].name};
-      for (const auto& [time, x, y, height] : positions) rows.add(time, x, y, height);
+      require_running_clock(positions, rows.log);
+      std::stable_sort(positions.begin(), positions.end(), [](auto& a, auto& b) { return a.time < b.time; });
+      for (const BagPosition& row : positions) rows.add(row.time, row.x, row.y, row.height);
       traversal.places_from = topics[*position].name;
       place(traversal, rows, topics[*position].type == ros2_type_of<BagFix>().name);
     }
@@ -231,6 +255,7 @@ class Rosbag2 : public FolderDataset {
 
   void take(const BagTopic& topic, const BagMessage& message, BagTrack& track) const {
     double time = 0;
+    const double recorded = 1e-9 * static_cast<double>(message.time);
     const auto fault_of = [&](auto& decoded) {
       if (!decode_ros2(message.data, decoded)) return kUndecodable;
       const std::uint64_t nanoseconds = recorded_ ? message.time : ros2_time(decoded.header());
@@ -239,17 +264,16 @@ class Rosbag2 : public FolderDataset {
     };
     std::string fault;
     with_picture(topic, [&](auto& image) {
-      if (fault = fault_of(image); fault.empty())
-        track.pictures.push_back({time, message.place, fingerprint_of(message.data), picture_fault(image)});
+      if (fault = fault_of(image); fault.empty()) fault = track.fault_of_frame(image.header().frame_id());
+      if (fault.empty())
+        track.pictures.push_back({time, recorded, message.place, fingerprint_of(message.data), picture_fault(image)});
     });
     with_position(topic, [&](auto& sensed) {
       if (fault = fault_of(sensed); !fault.empty()) return;
       const SensedPosition position = position_of(sensed);
       fault = position.fault == kAtNullIsland ? "" : position.fault;  // the whole drive tells
-      if (fault.empty() && track.positions.empty()) track.frame = position.frame;
-      if (fault.empty() && position.frame != track.frame)
-        fault = "is in frame '" + position.frame + "', others in '" + track.frame + "'";
-      if (fault.empty()) track.positions.push_back({time, position.x, position.y, position.height});
+      if (fault.empty()) fault = track.fault_of_frame(position.frame);
+      if (fault.empty()) track.positions.push_back({time, recorded, position.x, position.y, position.height});
     });
     if (!fault.empty()) ++track.refused[fault];
   }
@@ -286,9 +310,8 @@ class Rosbag2 : public FolderDataset {
     bool any = false;
     for (std::size_t frame = 0; frame < a.size(); ++frame) {
       const double now = traversal.times[frame];
-      const auto next = std::lower_bound(rows.times.begin(), rows.times.end(), now);
-      const bool near = (next != rows.times.end() && *next - now <= kBagReach) ||
-                        (next != rows.times.begin() && now - next[-1] <= kBagReach);
+      const auto next = std::lower_bound(rows.times.begin(), rows.times.end(), now - kBagReach);
+      const bool near = next != rows.times.end() && *next - now <= kBagReach;
       if (!near) a[frame] = b[frame] = std::nan("");
       any = any || near;
     }

@@ -24,6 +24,8 @@ namespace {
 using Names = std::vector<std::string>;
 using Numbers = std::vector<long double>;
 
+constexpr const char* kDigits = "0123456789";
+
 /// Returns the decimal numbers in which alone names differ, in `texts` as they are written: "9.5" and "10.25" of
 /// "cam1_9.5" and "cam1_10.25". Empty when names differ otherwise.
 Numbers varying_numbers(const Names& names, Names& texts) {
@@ -114,33 +116,34 @@ bool without_order(const Names& names, const Numbers& numbers) {
          (numbers[0] >= 1e13L && numbers.back() > 2 * numbers[0]);
 }
 
-/// Returns whether the first or last number in the names is a camera's: a digit that counts from 0 or 1, each beside
+/// Returns whether the first or last number in all names is a camera's: a digit that counts from 0 or 1, each beside
 /// nearly all of the other numbers, as in "f_007_0" and "f_007_1".
-bool has_number_of_camera(const Names& names) {
-  for (const char* form : {"([^0-9]*)([0-9])([^0-9].*)", "(.*[^0-9])([0-9])([^0-9]*)"}) {
-    const std::regex number(form);
-    std::set<std::string> values, others;
-    for (std::size_t i = 0; i < names.size() && values.size() <= 10; ++i) {
-      values.insert(std::regex_replace(names[i], number, "$2"));
-      others.insert(std::regex_replace(names[i], number, "$1$3"));
-    }
-    const std::size_t count = values.size(), first = (*values.begin())[0], last = (*values.rbegin())[0];
-    if (count > 1 && first <= '1' && last - first + 1 == count && 9 * others.size() * count <= 10 * names.size())
-      return true;
+bool has_number_of_camera(const Names& names, bool first) {
+  std::set<char> cameras;
+  std::unordered_set<std::string> others;
+  for (std::string name : names) {
+    const std::size_t at = first ? name.find_first_of(kDigits) : name.find_last_of(kDigits),
+                      beside = first ? at + 1 : at - 1;
+    if (at == name.npos || (beside < name.size() && std::isdigit(name[beside]))) return false;
+    cameras.insert(name[at]);
+    others.insert(name.erase(at, 1));
   }
-  return false;
+  const std::size_t count = cameras.size();
+  return count > 1 && *cameras.begin() <= '1' && *cameras.rbegin() - *cameras.begin() + 1 == static_cast<int>(count) &&
+         9 * others.size() * count <= 10 * names.size();
 }
 
 /// Returns whether names count in two ways, as "DSC_0001" and "IMG_0001" of two cameras, or "7_left" and "7_right".
 bool has_two_counters(const Names& names) {
   std::set<std::string> beginnings, numbers;
   for (std::string name : names) {
-    beginnings.insert(lower(name.substr(0, name.find_first_of("0123456789"))));
+    beginnings.insert(lower(name.substr(0, name.find_first_of(kDigits))));
     std::erase_if(name, [](unsigned char c) { return !std::isdigit(c); });
     numbers.insert(std::move(name));
   }
   return (beginnings.size() > 1 && beginnings.size() * 2 <= names.size()) ||
-         (names.size() > 3 && numbers.size() * 4 <= names.size() * 3) || has_number_of_camera(names);
+         (names.size() > 3 && numbers.size() * 4 <= names.size() * 3) || has_number_of_camera(names, true) ||
+         has_number_of_camera(names, false);
 }
 
 bool is_heif_name(const std::string& file) {

@@ -30,7 +30,8 @@ std::string_view trimmed(std::string_view text) {
 }
 
 void each_line(std::string_view text, const std::function<void(std::string_view, int)>& visit) {
-  std::size_t at = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // a byte order mark
+  text = without_byte_order_mark(text);
+  std::size_t at = 0;
   for (int number = 1; at < text.size(); ++number) {
     const std::size_t end = std::min(text.find_first_of("\r\n", at), text.size());
     visit(trimmed(text.substr(at, end - at)), number);

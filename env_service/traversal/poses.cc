@@ -78,6 +78,10 @@ void read_poses(const std::string& path, Traversal& traversal) {
     return values;
   };
   if (table.has("time")) traversal.times = column("time");
+  for (std::size_t i = 1; i < traversal.times.size(); ++i)
+    if (traversal.times[i] < traversal.times[i - 1])
+      throw Error("the time of frame " + std::to_string(i) + " is before that of frame " + std::to_string(i - 1), path,
+                  "write rows in the order of frames, or name frames in a column 'frame'");
   if (table.has("lat") || table.has("lon")) {
     for (int row = 0; row < table.rows(); ++row)
       if (std::abs(number(row, "lat")) > 90 || std::abs(number(row, "lon")) > 180)
@@ -101,7 +105,7 @@ void read_poses(const std::string& path, Traversal& traversal) {
   }
   if (table.has("metres")) {
     const std::vector<double> metres = column("metres");
-    for (std::size_t i = 0; i < metres.size(); ++i) traversal.positions[i] = static_cast<float>(metres[i]);
+    traversal.positions.assign(metres.begin(), metres.end());
   } else if (in_plane) {
     const std::vector<double>& z = traversal.height;
     if (!z.empty())

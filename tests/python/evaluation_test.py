@@ -123,6 +123,11 @@ class Evaluation(unittest.TestCase):
         self.assertGreater(np.mean(near), 0.9)
         with self.assertRaisesRegex(ValueError, "differ in their numbers of agents"):
             acting(observations, starts[:3])
+        for name, wrong, words in (("features", observations["features"] * np.nan, "features are not finite"),
+                                   ("goal", observations["goal"] + 2**40, "a goal is not a place"),
+                                   ("previous_action", observations["previous_action"] - 9, "is not 0 to 3")):
+            with self.assertRaisesRegex(ValueError, words):
+                acting({**observations, name: wrong}, starts)
         with self.assertRaisesRegex(TypeError, "must be what load_policy.. returns, is str"):
             citylearn.ActingPolicy("best.clk")
 

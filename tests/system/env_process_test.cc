@@ -54,6 +54,7 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
             "dataset synthetic\ntraversal summer\nframes 17\nimages yes\nfeatures 0\nmatched by index\n");
   EXPECT_EQ(output({"--show", "--frames", "3:20", "--slip", "0.1"}, 0),
             "dataset synthetic\ntraversal summer-slip0.1\nframes 17\nimages yes\nfeatures 0\nmatched by index\n");
+  EXPECT_TRUE(contains(output({"--list-traversals", "--data", folder_.path()}, 1), "no traversals found; expected"));
   write("b b.csv", "1\n2\n");
   EXPECT_TRUE(contains(output({"--show", "--data", folder_.path(), "--traversal", "b b", "--kidnappings", "1"}, 0),
                        "\ntraversal b_b-kidnap1\n"));
@@ -68,7 +69,9 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   EXPECT_TRUE(contains(others, "recording a\n")) << others;
   EXPECT_TRUE(contains(others, "a.csv: has only one frame, a route needs two")) << others;
   EXPECT_TRUE(contains(others, "recording b b\ndataset plain\ntraversal b_b\n")) << others;
-  EXPECT_TRUE(contains(output({"--help-all"}, 0), "--synthetic-frames"));
+  const std::string help = output({"--help-all"}, 0);
+  for (const char* words : {"--synthetic-frames", "NAME-left, NAME-right: NAME as a"})
+    EXPECT_TRUE(contains(help, words));
   EXPECT_FALSE(output({"--version"}, 0).empty());
 }
 

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/data/inspection.h"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <iomanip>
 #include <limits>
 #include <map>
 #include <numeric>
 #include <set>
-#include <sstream>
 #include <unordered_set>
 
 #include "core/files/image_header.h"
@@ -32,10 +32,12 @@ constexpr double kMinBrightest = 16;  // of 255, the largest value of a picture
 constexpr int kFewestSteps = 5;       // that show which way a recording runs
 
 std::string fixed(double value, int digits) {
-  if (!std::isfinite(value)) return "-";
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(digits) << value;
-  return text.str();
+  return std::isfinite(value) ? fmt::format("{:.{}f}", value, digits) : "-";
+}
+
+std::string size_of(const Bytes& picture, const std::string& name) {
+  const ImageHeader header = read_image_header(picture, name);
+  return fmt::format("{}x{}", header.width, header.height);
 }
 
 /// Adds a line for each kind of file in the folder whose path, with its suffix or without, is not among `taken`, but
@@ -67,11 +69,8 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
     kinds[is_folder ? "empty folders" : suffix.empty() ? unnamed : suffix + " files"].insert(path);
   }
   for (const auto& [kind, paths] : kinds) {
-    const std::string line = std::to_string(paths.size()) + " " + kind + ", the first " + *paths.begin();
-    if (own && !texts.contains(kind))
-      found.not_taken.push_back(line);
-    else
-      found.left_out.push_back(line);
+    auto& lines = own && !texts.contains(kind) ? found.not_taken : found.left_out;
+    lines.push_back(fmt::format("{} {}, the first {}", paths.size(), kind, *paths.begin()));
   }
 }
 
@@ -140,8 +139,8 @@ void compare_by_place(const std::vector<Route>& routes, bool own, Inspection& fo
       found.notes.push_back(name + " runs the other way than " + first +
                             ", by latitude and longitude: cameras that look ahead see other things");
     if (own && 2 * far > places.size())
-      found.notes.push_back(std::to_string(far) + " of " + std::to_string(places.size()) + " places of " + name +
-                            " are farther than " + fixed(kNear, 0) + " m from all of " + first);
+      found.notes.push_back(fmt::format("{} of {} places of {} are farther than {} m from all of {}", far,
+                                        places.size(), name, kNear, first));
   }
 }
 
@@ -193,10 +192,10 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   if (failed.empty() && !no_streets.empty()) inspection.faults.push_back({"streets", -1, "", no_streets});
   for (const Traversal& one : traversals)
     if (one.dimension != traversals[0].dimension && one.dimension > 0 && traversals[0].dimension > 0)
-      inspection.faults.push_back({one.name, -1, "",
-                                   "has " + std::to_string(one.dimension) + " features a frame, " + traversals[0].name +
-                                       " has " + std::to_string(traversals[0].dimension) +
-                                       ": they are of two encoders, or one table is transposed"});
+      inspection.faults.push_back(
+          {one.name, -1, "",
+           fmt::format("has {} features a frame, {} has {}: they are of two encoders, or one table is transposed",
+                       one.dimension, traversals[0].name, traversals[0].dimension)});
   if (dataset.correspondence() == Correspondence::kMatches)
     for (std::size_t i = 1; i < traversals.size(); ++i) try {
         align_by_matches(traversals[0], {}, traversals[i], dataset.matches(traversals[0].name, traversals[i].name));
@@ -206,31 +205,38 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   Bytes bytes;
   for (const Traversal& traversal : traversals) {
     int dark = 0;
+    std::set<std::string> sizes;
     for (int frame = 0; frame < traversal.frames; ++frame) {
       if (traversal.images) {
         const std::string name = traversal.images->name(frame);
         taken.insert(name.find(", frame ") == name.npos ? name.substr(0, name.rfind('.'))
                                                         : name.substr(0, name.rfind(',')));
         double brightest = 0;
-        if (const std::string what = decoding_fault(*traversal.images, frame, bytes, brightest); !what.empty())
+        if (const std::string what = decoding_fault(*traversal.images, frame, bytes, brightest); !what.empty()) {
           inspection.faults.push_back({traversal.name, frame, name, what});
-        else
+        } else {
           dark += brightest < kMinBrightest;
+          sizes.insert(size_of(bytes, name));
+        }
       }
       if (!progress(++inspection.frames, all)) return inspection;
     }
     if (dark == traversal.frames)
-      inspection.notes.push_back(traversal.name + ": all " + std::to_string(dark) +
-                                 " pictures are almost black, as those of 16 bits with low numbers: scale them up");
+      inspection.notes.push_back(
+          fmt::format("{}: all {} pictures are almost black, as those of 16 bits with low numbers: scale them up",
+                      traversal.name, dark));
+    if (sizes.size() > 1 && !dataset.distinctive())
+      inspection.notes.push_back(fmt::format("{}: has pictures of {} sizes, as {} and {}: are some of another camera?",
+                                             traversal.name, sizes.size(), *sizes.begin(), *sizes.rbegin()));
   }
   find_left_out(folder, taken, failed, !dataset.distinctive(), inspection);
   const auto [least, most] =
       std::minmax_element(traversals.begin(), traversals.end(), [](auto& a, auto& b) { return a.frames < b.frames; });
   if (least != most && least->frames != most->frames && dataset.correspondence() == Correspondence::kIndex)
-    inspection.notes.push_back(
-        least->name + " has " + std::to_string(least->frames) + " frames and " + most->name + " " +
-        std::to_string(most->frames) +
-        ": frames of equal index must show the same place, or be matched, as with --align-by sight");
+    inspection.notes.push_back(fmt::format(
+        "{} has {} frames and {} {}: frames of equal index must show the same place, or be matched, as with --align-by "
+        "sight",
+        least->name, least->frames, most->name, most->frames));
   if (dataset.correspondence() == Correspondence::kIndex && !dataset.distinctive() &&
       std::none_of(traversals.begin(), traversals.end(), [](const Traversal& one) { return one.streets != nullptr; }))
     compare_by_sight(dataset, traversals, inspection);
@@ -247,16 +253,12 @@ Summary summarise(Dataset& dataset, const std::string& name) {
     summary.condition = traversal.condition;
     summary.frames = traversal.frames;
     summary.dimension = traversal.dimension;
-    double least = std::numeric_limits<double>::infinity(), most = -least;
-    int known = 0;
-    for (const float metres : traversal.positions)
-      if (std::isfinite(metres)) {
-        least = std::min<double>(least, metres);
-        most = std::max<double>(most, metres);
-        ++known;
-      }
-    if (known > 0) summary.metres = most - least;
-    if (known > 1) summary.mean_step = summary.metres / (known - 1);
+    std::vector<double> known;
+    std::copy_if(traversal.positions.begin(), traversal.positions.end(), std::back_inserter(known),
+                 [](float metres) { return std::isfinite(metres); });
+    const auto [least, most] = std::minmax_element(known.begin(), known.end());
+    if (!known.empty()) summary.metres = *most - *least;
+    if (known.size() > 1) summary.mean_step = summary.metres / static_cast<double>(known.size() - 1);
     summary.places = traversal.places_from;
     summary.gps =
         std::any_of(traversal.latitude.begin(), traversal.latitude.end(), [](double x) { return !std::isnan(x); });
@@ -265,11 +267,9 @@ Summary summarise(Dataset& dataset, const std::string& name) {
     for (int frame = 0; frame < traversal.frames; ++frame) {
       if (!traversal.images->fault(frame).empty()) {
         ++summary.bad_frames;
-      } else if (summary.width == 0) {
+      } else if (summary.pixels.empty()) {
         traversal.images->read(frame, bytes);
-        const ImageHeader header = read_image_header(bytes, traversal.images->name(frame));
-        summary.width = header.width;
-        summary.height = header.height;
+        summary.pixels = size_of(bytes, traversal.images->name(frame));
       }
     }
   } catch (const Error& error) {
@@ -292,8 +292,8 @@ std::string to_table(const std::vector<Summary>& summaries) {
                     !one.places.empty() ? one_line(one.places)
                     : one.gps           ? "yes"
                                         : "no",
-                    one.width ? std::to_string(one.width) + "x" + std::to_string(one.height) : "-",
-                    one.dimension ? std::to_string(one.dimension) : "-", std::to_string(one.bad_frames)});
+                    one.pixels.empty() ? "-" : one.pixels, one.dimension ? std::to_string(one.dimension) : "-",
+                    std::to_string(one.bad_frames)});
   }
   std::vector<std::size_t> widths(rows[0].size());
   for (const auto& row : rows)
@@ -301,10 +301,8 @@ std::string to_table(const std::vector<Summary>& summaries) {
       widths[i] = std::max(widths[i], row[i].size());
   std::string text;
   for (const auto& row : rows) {
-    for (std::size_t i = 0; i < row.size(); ++i) {
-      const std::string blanks(widths[i] - std::min(widths[i], row[i].size()), ' ');
-      text += (i == 0 ? "" : "  ") + (i < names ? row[i] + blanks : blanks + row[i]);
-    }
+    for (std::size_t i = 0; i < row.size(); ++i)
+      text += (i == 0 ? "" : "  ") + fmt::format(fmt::runtime(i < names ? "{:<{}}" : "{:>{}}"), row[i], widths[i]);
     text += "\n";
   }
   return text;

@@ -50,10 +50,11 @@ Inspection inspect(Dataset& dataset, const std::string& folder,
 /// The facts that `info` prints about a traversal.
 struct Summary {
   std::string name, condition;
-  int frames = 0, dimension = 0, width = 0, height = 0;  ///< pixels of the first good frame; 0 without pictures
-  int bad_frames = 0;                                    ///< as far as can be seen without decoding
-  double metres = 0;                                     ///< length of the route, NaN when unknown
-  double mean_step = 0;                                  ///< metres between frames, NaN when unknown
+  int frames = 0, dimension = 0;
+  std::string pixels;    ///< width and height of the first good frame, "640x480"; empty without pictures
+  int bad_frames = 0;    ///< as far as can be seen without decoding
+  double metres = 0;     ///< length of the route, NaN when unknown
+  double mean_step = 0;  ///< metres between frames, NaN when unknown
   bool gps = false;
   std::string
       places;  ///< what tells where frames are: a file, "EXIF", "names"; empty: unknown, or as the dataset has it

@@ -71,6 +71,9 @@ int replay(CommandLine& line) {
   const ReplayFigures& figures = replayer.figures();
   for (const std::string& remark : figures.remarks) spdlog::warn("{}", remark);
   for (const auto& [what, count] : figures.skipped) spdlog::warn("{} messages skipped: {}", count, what);
+  if (figures.played.empty() && !stop_requested())
+    throw Error("holds no message that is played", line.replay.files.front(),
+                "a bag of ROS 2 is for --agent; --topics names what is played");
   for (const auto& [topic, count] : figures.played)
     std::printf("%-36s %10llu messages\n", topic.c_str(), static_cast<unsigned long long>(count));
   std::printf("%.1f s, %.3f MB\n", figures.seconds, static_cast<double>(figures.bytes) / 1e6);

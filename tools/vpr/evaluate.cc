@@ -7,8 +7,10 @@
 #include <cmath>
 #include <iostream>
 #include <memory>
+#include <opencv2/core/eigen.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 
 #include "core/files/files.h"
 #include "core/util/error.h"
@@ -24,8 +26,9 @@ namespace citylearn::vpr {
 namespace {
 
 /// Returns pairs (reference frame, query frame) at most `radius` metres apart: on the map when both traversals have
-/// coordinates, else along the route.
-std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius) {
+/// coordinates, else along the route. Adds query frames whose place is not known to `unplaced`.
+std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius,
+                                              std::set<int>& unplaced) {
   const auto known = [](double number) { return std::isfinite(number); };
   const bool on_map =
       std::any_of(reference.latitude.begin(), reference.latitude.end(), known) && !query.latitude.empty();
@@ -42,6 +45,8 @@ std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const 
     if (const Point at = point(query, frame); known(at.x)) {
       grid.near(at, near);
       for (const Grid::Near& one : near) pairs.push_back({one.frame, frame});
+    } else {
+      unplaced.insert(frame);
     }
   if (pairs.empty())
     throw Error("no frame of " + query.name + " is known to lie so near to one of " + reference.name, "--radius",
@@ -97,12 +102,9 @@ std::string matrix_png(const Eigen::MatrixXf& matrix) {
     high = at(0.99);
   }
   const float scale = high > low ? 255 / (high - low) : 0;
-  cv::Mat grey(static_cast<int>(matrix.rows()), static_cast<int>(matrix.cols()), CV_8U), colour;
-  for (int c = 0; c < grey.cols; ++c)
-    for (int r = 0; r < grey.rows; ++r) {
-      const float level = (matrix(r, c) - low) * scale;
-      grey.at<std::uint8_t>(r, c) = std::isnan(level) ? 0 : static_cast<std::uint8_t>(std::clamp(level, 0.0f, 255.0f));
-    }
+  cv::Mat grey, colour;
+  cv::eigen2cv(matrix, grey);
+  grey.convertTo(grey, CV_8U, scale, -low * scale);  // what is not finite becomes 0
   try {
     cv::applyColorMap(grey, colour, cv::COLORMAP_VIRIDIS);
     std::vector<std::uint8_t> file;
@@ -169,17 +171,28 @@ class Evaluation {
     reference_ = get(reference);
     for (const std::string& name : queries) {
       queries_.push_back(get(name));
-      if ((queries_.back().images == nullptr) != (reference_.images == nullptr))
-        throw Error("one has features and the other pictures", reference + " and " + name);
+      if (queries_.back().dimension != reference_.dimension)
+        throw Error(fmt::format("one has {} features a frame, the other {} (0: pictures)", reference_.dimension,
+                                queries_.back().dimension),
+                    reference + " and " + name);
       truths_.push_back(truth(queries_.back()));
     }
   }
 
   GroundTruth truth(const Traversal& query) const {
-    if (options_.radius > 0)
-      return GroundTruth::by_matches(pairs_within(reference_, query, options_.radius), reference_.frames, query.frames,
-                                     0);
-    return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
+    std::set<int> unplaced;
+    const bool by_metres = options_.radius > 0;
+    GroundTruth truth = by_metres ? GroundTruth::by_matches(pairs_within(reference_, query, options_.radius, unplaced),
+                                                            reference_.frames, query.frames, 0)
+                                  : GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
+    for (const std::vector<bool>* unmatched : {&reference_.unmatched, &query.unmatched})
+      for (std::size_t i = 0; !by_metres && i < unmatched->size(); ++i)
+        if ((*unmatched)[i]) unplaced.insert(static_cast<int>(i));
+    for (const int frame : unplaced) truth.leave_out(frame);
+    if (!unplaced.empty())
+      spdlog::warn("{}: {} of {} frames have no known place and are not judged", query.name, unplaced.size(),
+                   query.frames);
+    return truth;
   }
 
   /// Makes all encoders before the first picture is encoded, so that a wrong option shows at once.

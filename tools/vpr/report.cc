@@ -62,13 +62,11 @@ std::string table(const std::vector<Row>& rows) {
     for (std::size_t i = 0; i < line.size(); ++i) widths[i] = std::max(widths[i], line[i].size());
   std::string text;
   for (const auto& line : cells) {
-    std::string out;
     for (std::size_t i = 0; i < line.size(); ++i) {
-      const std::string blanks(widths[i] - line[i].size(), ' ');
       const bool word = i == 0 || (i >= 2 && i <= 4);
-      out += (i ? "  " : "") + (word ? line[i] + blanks : blanks + line[i]);
+      text += (i ? "  " : "") + fmt::format(fmt::runtime(word ? "{:<{}}" : "{:>{}}"), line[i], widths[i]);
     }
-    text += out + "\n";
+    text += "\n";
   }
   return text;
 }

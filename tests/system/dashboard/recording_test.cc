@@ -67,6 +67,10 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   EXPECT_EQ(episodes_in(trial.folder() / "replayed.sqlite"), original) << replay->output();
   EXPECT_EQ(updates_in(trial.folder() / "replayed.sqlite").size(), 40u) << replay->output();
 
+  const auto nothing = trial.program(CITYLEARN_REPLAY, "replay", {file, "--speed", "max", "--topics", "trajectory"});
+  EXPECT_EQ(nothing->wait(kLongWait), 1) << "one process sends none";
+  EXPECT_TRUE(contains(nothing->output(), "run.mcap: holds no message that is played")) << nothing->output();
+
   // The dashboard opens it by itself.
   const auto dashboard =
       trial.dashboard({"--open", file, "--speed", "max", "--port", "0", "--store", trial.folder() / "opened.sqlite"});

@@ -64,7 +64,8 @@ void add_answers(Answers& answers, const Eigen::Ref<const Eigen::MatrixXf>& bloc
       for (const float* score = begin; score != end; ++score) rank += *score >= best_right;
       for (const int r : right) rank -= column[r] >= best_right;
     }
-    answers.nearest.push_back(best > kNone ? static_cast<int>(std::find(begin, end, best) - begin) : -1);
+    const bool judged = best > kNone && !truth.left_out(query);
+    answers.nearest.push_back(judged ? static_cast<int>(std::find(begin, end, best) - begin) : -1);
     answers.confidence.push_back(best);
     answers.rank.push_back(rank);
     answers.answerable.push_back(!right.empty());
@@ -86,6 +87,7 @@ GroundTruth GroundTruth::by_matches(const std::vector<std::pair<int, int>>& matc
   truth.references_ = references;
   truth.tolerance_ = tolerance;
   truth.frames_.resize(static_cast<std::size_t>(queries));
+  truth.left_out_.resize(static_cast<std::size_t>(queries));
   for (const auto& [reference, query] : matches) {
     if (reference < 0 || reference >= references || query < 0 || query >= queries)
       throw Error("the match of reference frame " + std::to_string(reference) + " and query frame " +
@@ -95,6 +97,11 @@ GroundTruth GroundTruth::by_matches(const std::vector<std::pair<int, int>>& matc
   }
   for (std::vector<int>& frames : truth.frames_) std::sort(frames.begin(), frames.end());
   return truth;
+}
+
+void GroundTruth::leave_out(int query) {
+  frames_[static_cast<std::size_t>(query)].clear();
+  left_out_[static_cast<std::size_t>(query)] = true;
 }
 
 std::vector<int> GroundTruth::right_frames(int query) const {

@@ -21,6 +21,9 @@ class GroundTruth {
   static GroundTruth by_matches(const std::vector<std::pair<int, int>>& matches, int references, int queries,
                                 int tolerance);
 
+  /// Judges no answer to this query, as nothing is known of its place.
+  void leave_out(int query);
+
   int references() const { return references_; }
   int queries() const { return static_cast<int>(frames_.size()); }
   int tolerance() const { return tolerance_; }
@@ -28,17 +31,19 @@ class GroundTruth {
   std::vector<int> right_frames(int query) const;
   /// Returns whether any reference frame is right. Other queries do not count for recall; accepting them is an error.
   bool answerable(int query) const;
+  bool left_out(int query) const { return left_out_[static_cast<std::size_t>(query)]; }
   /// Returns a frame that shows the same place, of several the middle one; -1: none.
   int place(int query) const;
 
  private:
   int references_ = 0, tolerance_ = 0;
   std::vector<std::vector<int>> frames_;  // by query: sorted reference frames of the same place
+  std::vector<bool> left_out_;            // by query
 };
 
 /// The answers of a similarity matrix to each query.
 struct Answers {
-  std::vector<int> nearest;       ///< the most similar reference frame (the first of equals); -1: none
+  std::vector<int> nearest;       ///< the most similar reference frame (the first of equals); -1: none, or left out
   std::vector<float> confidence;  ///< its similarity; -infinity: none
   /// Wrong frames at least as similar as the most similar right one: 0 is a recognised place. An equal wrong frame
   /// counts, so that a constant matrix recognises nothing. kNever when no right frame is finite.

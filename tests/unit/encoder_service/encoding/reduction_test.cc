@@ -8,6 +8,7 @@
 
 #include "core/util/error.h"
 #include "core/util/random.h"
+#include "tests/support/log.h"
 
 namespace citylearn {
 namespace {
@@ -26,6 +27,14 @@ MatrixXf sample(int rows, int columns, float middle = 3, std::uint64_t seed = 1)
 MatrixXf normalised(MatrixXf values) {
   values.colwise().normalize();
   return values;
+}
+
+TEST(Reduction, EqualDescriptorsOfTheReferenceAreTold) {
+  const testing::Log log;
+  Reduction::learn(sample(3, 4), {.dimension = 0});
+  EXPECT_EQ(log.text(), "");
+  Reduction::learn(MatrixXf::Ones(3, 4), {.dimension = 0});
+  EXPECT_TRUE(log.has("all 4 descriptors of the reference are equal")) << log.text();
 }
 
 TEST(Reduction, CentringTakesTheRightMean) {

@@ -100,7 +100,8 @@ TEST_F(Select, WhatACameraFurtherLeftOrRightWouldHaveSeen) {
   const Traversal whole = select(fake, "a", {});
   const Log log;
   const Traversal left = select(fake, "a-left", {.end = 4, .align = "a"}), right = select(fake, "a-right", {});
-  EXPECT_TRUE(log.has("a-left is a as a camera further left would have seen it: there is no recording of this name"));
+  EXPECT_TRUE(
+      log.has("'a-left' is 'a' as a camera further left would have seen it: there is no recording of this name"));
   EXPECT_EQ(left.name, "a-left");
   EXPECT_EQ(shown(left), (std::vector<int>{0, 1, 2, 3}));
   EXPECT_EQ(right.positions, a.positions);

@@ -147,6 +147,8 @@ TEST(Tracks, KmlAndGeoJsonHaveLongitudeFirst) {
   const std::string four = "+0 1,179.9\n+1 1,180\n+2 1,-180\n+3 1,-179.9\n";
   EXPECT_EQ(Read(with("[1780315200,1780315201,1780315202,1780315203]"), ".geojson").points, four);
   EXPECT_EQ(Read(with("[[1780315200000,1780315201000],[1780315202000,1780315203000]]"), ".GeoJSON").points, four);
+  EXPECT_EQ(Read(with("[1780315200000000,1780315201e6,1780315202e9,1780315203e9]"), ".geojson").points, four)
+      << "microseconds and nanoseconds";
   EXPECT_TRUE(contains(Read(with("[1,2,3]"), ".geojson").error, "a track of 3 times and 4 places"));
   EXPECT_TRUE(contains(Read(with("null"), ".geojson").error, "places without times"));
 }

@@ -169,6 +169,9 @@ TEST_F(PlainDrive, WrongPoses) {
             "'frame')");
   EXPECT_EQ(told("metres,a,metres\n1,2,3\n"), "day.poses.csv: names two columns 'metres' (rename one)");
   EXPECT_EQ(told(std::string("\xFF\xFEm\0\n\0", 6)), "day.poses.csv: is in UTF-16 (save it in UTF-8)");
+  EXPECT_EQ(told("frame,time,metres\n0,5,1\n2,5,3\n1,4,2\n"),
+            "day.poses.csv: the time of frame 1 is before that of frame 0 (write rows in the order of frames, or name "
+            "frames in a column 'frame')");
   EXPECT_EQ(told("metres\nx\n"), "day.poses.csv:2: 'x' in column 'metres' is not a number");
   make_file(folder_ / "day/poses.csv", "metres\n1\n");
   EXPECT_TRUE(contains(complaint("day"), "remove one of them"));

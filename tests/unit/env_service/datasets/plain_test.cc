@@ -66,6 +66,9 @@ TEST_F(Plain, FramesThatHaveNoLengthAreTold) {
   const Log log;
   EXPECT_EQ(load("1,2\n0,0\n3,4\n0,-0\n").frames, 4);
   EXPECT_TRUE(log.has("x.csv:2: only zeros; places")) << log.text();
+  EXPECT_FALSE(log.has("x.csv: all its frames")) << log.text();
+  EXPECT_EQ(load("1,2\n1,2\n1,2\n").frames, 3);
+  EXPECT_TRUE(log.has("x.csv: all its frames have the same features")) << log.text();
 }
 
 TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
@@ -192,6 +195,7 @@ TEST_F(Plain, NamesWhatIsThereWhenNothingIsTaken) {
   EXPECT_TRUE(
       contains(told("set/meta/info.json"), "it is a dataset of LeRobot (make recordings of its episodes: python3 -m"));
   EXPECT_TRUE(contains(told("run.bag"), "it is a bag of ROS 1, which is not read (convert it"));
+  EXPECT_TRUE(contains(told("day/features.npz"), "it has arrays, which are not read (write each recording as a table"));
   EXPECT_TRUE(contains(told("a/b/c/d/e/1.JPG"), "pictures or films are in a/b/c/d/e (--data names the folder"));
   EXPECT_TRUE(contains(told("a.fit"), "expected NAME/, NAME.mp4 or NAME.csv (files there: 1 .fit)"));
 }

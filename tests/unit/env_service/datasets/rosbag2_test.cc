@@ -205,6 +205,31 @@ TEST_F(Rosbag2, AStampOfAnotherDayIsLeftOutWithAWord) {
   EXPECT_EQ(bags({{"stamp", 1}})->load("a").frames, 5);
 }
 
+/// Stamps of a bag that was played twice, and of a driver that stamps nothing anew, would mix up frames and places.
+TEST_F(Rosbag2, StampsThatGoBackOrStandAreRefused) {
+  for (const auto& [name, lap] : std::map<std::string, int>{{"a", 1}, {"b", 3000}}) {  // ms after which they begin anew
+    std::vector<BagSample> samples;
+    for (int i = 0; i < 4; ++i) {
+      samples.push_back(image(10'000 + 1000 * i % lap, red_blue_));
+      samples.back().time = 10'000 + 1000 * i;
+    }
+    write_bag_mcap(folder_ / (name + ".mcap"), samples);
+    EXPECT_TRUE(contains(error_of_loading(name), name + ".mcap: /camera: its messages' stamps go back or stand still"));
+    EXPECT_EQ(bags({{"stamp", 1}})->load(name).times, (std::vector<double>{10, 11, 12, 13}));
+  }
+}
+
+TEST_F(Rosbag2, PicturesOfAnotherCameraOnTheTopicAreLeftOutWithAWord) {
+  std::vector<BagSample> samples = {image(10'000, red_blue_), image(10'500, green_), image(11'000, red_blue_)};
+  samples[1].data.replace(samples[1].data.find("front"), 5, "right");
+  write_bag_mcap(folder_ / "a.mcap", samples);
+  const auto dataset = bags();
+  EXPECT_EQ(dataset->load("a").times, (std::vector<double>{10, 11}));
+  EXPECT_EQ(dataset->left_out("a").faults,
+            Lines{"1 of /camera (sensor_msgs/msg/Image, 3 messages) not taken: each is in frame 'right', others in "
+                  "'front'"});
+}
+
 TEST_F(Rosbag2, NoFixIsNoPosition) {
   std::vector<BagSample> samples = {fix(10'000, 0, 48, 11), fix(11'000, -1, std::nan(""), std::nan("")),
                                     fix(12'000, -1, 0, 0), fix(13'500, 0, 48.00001, 11)};

@@ -122,7 +122,7 @@ TEST(Inspection, ReadsMatches) {
   }
 }
 
-TEST(Inspection, TellsThatPicturesOf16BitsAreAlmostBlack) {
+TEST(Inspection, TellsOfPicturesThatAreAlmostBlackOrOfAnotherSize) {
   const Folder folder;
   std::filesystem::create_directory(folder / "day");
   for (const std::string name : {"day/0.png", "day/1.png"})
@@ -130,6 +130,9 @@ TEST(Inspection, TellsThatPicturesOf16BitsAreAlmostBlack) {
   const auto notes = inspect(*make_dataset("plain", folder.path()), folder.path(), kOn).notes;
   ASSERT_EQ(notes.size(), 1u);  // 4000 of 65535 are 15 of 255
   EXPECT_TRUE(notes[0].starts_with("day: all 2 pictures are almost black")) << notes[0];
+  cv::imwrite(folder / "day/2.png", cv::Mat(32, 48, CV_8UC1, cv::Scalar(200)));
+  EXPECT_EQ(inspect(*make_dataset("plain", folder.path()), folder.path(), kOn).notes,
+            std::vector<std::string>{"day: has pictures of 2 sizes, as 32x24 and 48x32: are some of another camera?"});
 }
 
 TEST(Inspection, ListsWhatIsNotTaken) {
@@ -272,8 +275,7 @@ TEST(Inspection, Summarises) {
   const auto dataset = make_dataset("plain", folder.path());
   const Summary day = summarise(*dataset, "day"), night = summarise(*dataset, "night");
   EXPECT_EQ(day.frames, 5);
-  EXPECT_EQ(day.width, 32);
-  EXPECT_EQ(day.height, 24);
+  EXPECT_EQ(day.pixels, "32x24");
   EXPECT_TRUE(day.gps);
   EXPECT_EQ(day.places, "day.poses.csv");
   EXPECT_NEAR(day.metres, 333.585, 0.01);
@@ -292,8 +294,7 @@ TEST(Inspection, ColumnsOfTheTableAreAsWideAsTheirContents) {
   drive.condition = "overcast+partial+rain";
   drive.frames = 123456789;
   drive.metres = drive.mean_step = 1;
-  drive.width = 10000;
-  drive.height = 10000;
+  drive.pixels = "10000x10000";
   Summary bad;
   bad.name = "table";
   bad.error = "table.csv: has only one frame, which is a message longer than any column";

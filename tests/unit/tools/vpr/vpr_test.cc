@@ -30,16 +30,16 @@ Ended vpr(const std::string& arguments) {
   return {status, program.output()};
 }
 
-/// summer.csv, and fall.csv with noise on it; 60 frames of 16 features.
-void write_features(const Folder& folder) {
+/// summer.csv, and fall.csv with noise on it, which lacks those from `hole` to `after`; frames of 16 features.
+void write_features(const Folder& folder, int frames = 60, int hole = 0, int after = 0) {
   Random random(3);
   std::ofstream summer(folder / "summer.csv"), fall(folder / "fall.csv");
-  for (int frame = 0; frame < 60; ++frame)
+  for (int frame = 0; frame < frames; ++frame)
     for (int d = 0; d < 16; ++d) {
-      const double value = random.normal();
+      const double value = random.normal(), other = value + 0.5 * random.normal();
       const char* end = d < 15 ? "," : "\n";
       summer << value << end;
-      fall << value + 0.5 * random.normal() << end;
+      if (frame < hole || frame >= after) fall << other << end;
     }
 }
 
@@ -98,6 +98,34 @@ TEST(VprTool, RightAnswersWithinMetres) {
     return results["rows"][0]["recall_1"].get<double>();
   };
   EXPECT_EQ(recall(" --radius 3"), recall(" --tolerance 0")) << "frames lie 10 m apart, a little more or less";
+}
+
+/// Four queries equal four places. All four have one confidence, so two that were judged wrong would halve the area.
+TEST(VprTool, QueriesWithoutAPlaceAreNotJudged) {
+  const Folder data, output;
+  for (const std::string name : {"fall", "summer"}) make_file(data / (name + ".csv"), "1,0\n0,1\n-1,0\n0,-1\n");
+  make_file(data / "summer.poses.csv", "metres\n0\n10\n20\n30\n");
+  make_file(data / "fall.poses.csv", "metres\n0\n10\nnan\nnan\n");
+  const Ended ended =
+      vpr("--data " + data.path() + " --dimension 0 --centring none --radius 3 --output " + output.path());
+  EXPECT_TRUE(contains(ended.text, "fall: 2 of 4 frames have no known place and are not judged")) << ended.text;
+  const auto row = nlohmann::json::parse(contents(output / "results.json"))["rows"][0];
+  EXPECT_EQ(row["recall_1"], 1);
+  EXPECT_EQ(row["auc"], 1);
+  make_file(data / "spring.csv", "1\n2\n3\n4\n");
+  EXPECT_TRUE(contains(vpr("--data " + data.path() + " --query spring --output " + output.path()).text,
+                       "summer and spring: one has 2 features a frame, the other 1 (0: pictures)"));
+}
+
+/// The query lacks 32 of 96 places, where it shows others: judged there, at most 64 of 96 answers, .67, would be right.
+TEST(VprTool, PlacesThatAQueryLacksAreNotJudged) {
+  const Folder data, output;
+  write_features(data, 96, 40, 72);
+  const Ended ended =
+      vpr("--data " + data.path() + " --dimension 0 --centring none --align-by sight --output " + output.path());
+  EXPECT_TRUE(contains(ended.text, "fall: 32 of 96 frames have no known place and are not judged")) << ended.text;
+  const auto row = nlohmann::json::parse(contents(output / "results.json"))["rows"][0];
+  EXPECT_GT(row["recall_1"].get<double>(), 0.9);
 }
 
 TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {

@@ -96,6 +96,10 @@ TEST(Recall, CountsWrongFramesBeforeTheFirstRightOne) {
   EXPECT_NEAR(recall_at(found, 2), 1 / 3.0, 1e-12);
   EXPECT_NEAR(recall_at(found, 3), 2 / 3.0, 1e-12);
   EXPECT_NEAR(recall_at(found, 4), 1, 1e-12);
+  GroundTruth without_second = GroundTruth::by_index(4, 3, 0);
+  without_second.leave_out(1);
+  EXPECT_EQ(answers(similarity, without_second).nearest, (std::vector<int>{0, -1, 0}));
+  EXPECT_EQ(recall_at(answers(similarity, without_second), 1), 0.5);
   EXPECT_THROW(answers(similarity, GroundTruth::by_index(3, 3, 0)), Error);
 }
 
