@@ -63,13 +63,16 @@ inline void repair_at_once(dds::DataWriterQos& qos, std::uint32_t heartbeat) {
   times.nack_supression_duration = Duration(0, heartbeat / 4);
 #endif
 }
-/// Makes a reader ask for what it lacks at once.
+/// Makes a reader ask for what it lacks at once. Until a writer's first heartbeat it asks with a period that must not
+/// be 0, because a writer that was killed stays matched for its lease of 10 s.
 inline void repair_at_once(dds::DataReaderQos& qos) {
   auto& times = qos.reliable_reader_qos().times;
 #if CITYLEARN_FASTDDS_RELEASE == 2
-  times.initialAcknackDelay = times.heartbeatResponseDelay = Duration(0, 0u);
+  times.initialAcknackDelay = Duration(0, 10'000'000u);
+  times.heartbeatResponseDelay = Duration(0, 0u);
 #else
-  times.initial_acknack_delay = times.heartbeat_response_delay = Duration(0, 0u);
+  times.initial_acknack_delay = Duration(0, 10'000'000u);
+  times.heartbeat_response_delay = Duration(0, 0u);
 #endif
 }
 

@@ -3,6 +3,8 @@
 
 import json
 import re
+import select
+import socket
 import subprocess
 import sys
 import tempfile
@@ -121,6 +123,20 @@ class Learner(unittest.TestCase):
             peer.wait(0.1)
             seen |= {one.service for one in take()}
 
+    def test_services_notice_that_it_leaves(self):
+        peer, heard = messages.Peer("python", domain=DOMAIN), []  # before the env_service, so it has the first ports
+        infos = peer.reader("TraversalInfo")
+        with running(*env_services(1, middleware="fastdds")):
+            self.wait_for(peer, lambda: heard.extend(infos()) or (), lambda _: heard)
+            peer.close()
+            with socket.socket(type=socket.SOCK_DGRAM) as discovery, socket.socket(type=socket.SOCK_DGRAM) as data:
+                for offset, port in enumerate((discovery, data)):
+                    port.bind(("127.0.0.1", 7410 + offset + 250 * DOMAIN))
+                announced = 0  # once a second, as are TraversalInfos, which go to those that read them
+                while announced < 3:
+                    self.assertEqual(select.select([discovery, data], [], [], 20)[0], [discovery])
+                    announced += b"\0\1\0\xc2" in discovery.recv(65536)
+
     def test_it_completes_every_task_over_both_vendors_and_a_lossy_wire(self):
         program = SOURCE / "python/examples/peer.py"
         self.assertLessEqual(len(program.read_text().splitlines()), 60)
@@ -129,6 +145,7 @@ class Learner(unittest.TestCase):
                 done = subprocess.run([sys.executable, "-B", program, f"--domain={DOMAIN}", "--frames=32", "--tasks=64"],
                                       env={"PYTHONPATH": FOLDER.name}, capture_output=True, text=True, timeout=100, check=False)
                 self.assertRegex(done.stdout, r"^SPL 1.000 of 64 tasks, \d+ steps/s\n$", done.stderr)
+                self.assertEqual(done.stderr, "")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every pairing of the vendors, in two processes: every message, empty and at its largest, there and back unchanged.
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 #include <unistd.h>
+
+#include <array>
+#include <map>
 
 #include "core/files/files.h"
 #include "core/wire/node.h"
@@ -72,6 +77,46 @@ TEST_P(Vendors, EveryMessageGoesThereAndBack) {
   EXPECT_EQ(node.traffic.rejected, 0u);
   EXPECT_TRUE(node.discovery().wrong_types().empty());
   EXPECT_EQ(peer.finish(seconds(5)), 0);
+}
+
+/// Binds a socket to the port at which the second participant of a domain reads what is not discovery.
+int second_data_port(std::uint32_t domain) {
+  const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in at{};
+  at.sin_family = AF_INET;
+  at.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  at.sin_port = htons(static_cast<std::uint16_t>(7413 + 250 * domain));
+  const timeval patience{kMaxWait.count(), 0};
+  setsockopt(handle, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  EXPECT_EQ(bind(handle, reinterpret_cast<const sockaddr*>(&at), sizeof at), 0);
+  return handle;
+}
+
+TEST(FastDds, AsksAPeerThatWasKilledSeldom) {
+  const std::uint32_t domain = own_domain();
+  Node node({middleware_options("fastdds", domain), "vendors_test", longest("test"), longest("run")});
+  Child peer({VENDORS_PEER, "cyclonedds", std::to_string(domain), longest("run"), longest("peer"), longest("test")});
+  node.create_reader<msg::ActorStatus>();
+  node.create_writer<msg::ActorStatus>();
+  expect_echo(node, sample_of<msg::ActorStatus>(Size::kMin));  // the peer announced its writer of Scene before
+  peer.send(SIGKILL);
+  ASSERT_EQ(peer.finish(kMaxWait), 128 + SIGKILL);
+  const int port = second_data_port(domain);
+  node.create_reader<msg::Scene>();
+  // ACKNACKs, behind the head of 20 bytes and the receiver's name of 16: one each 10 ms.
+  constexpr std::size_t kAt = 36, kEndpoints = kAt + 4, kEnd = kEndpoints + 8, kAsked = 7;
+  std::map<std::string, std::vector<Clock::time_point>> asked;  // by reader and writer
+  std::vector<Clock::time_point>* times = nullptr;
+  std::array<char, 1500> packet;
+  while (!times || times->size() < kAsked) {
+    const ssize_t size = recv(port, packet.data(), packet.size(), 0);
+    ASSERT_GT(size, 0);
+    if (size < static_cast<ssize_t>(kEnd) || packet[kAt] != 6) continue;
+    times = &asked[std::string(packet.begin() + kEndpoints, packet.begin() + kEnd)];
+    times->push_back(Clock::now());
+  }
+  EXPECT_GT(times->back() - times->front(), milliseconds(30));
+  close(port);
 }
 
 /// Two services of a vendor in a shell in which others have configured it.
