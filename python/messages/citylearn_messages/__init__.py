@@ -79,7 +79,7 @@ class Peer:
             f'<General><Interfaces><NetworkInterface address="{interface}" multicast="false"/></Interfaces>'
             "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
             f"<MaxAutoParticipantIndex>47</MaxAutoParticipantIndex><Peers>{hosts}</Peers></Discovery>"
-            "<Internal><GenerateKeyhash>true</GenerateKeyhash></Internal>")  # else Fast DDS does not see that we leave
+            "<Internal><GenerateKeyhash>true</GenerateKeyhash></Internal>")  # so that Fast DDS sees us leave
         try:
             self._domain = None if "CYCLONEDDS_URI" in os.environ else Domain(domain, network)
             self.participant = DomainParticipant(domain)
@@ -156,7 +156,7 @@ class Peer:
                 writer.write(**self._status_fields, service_state=State.STOPPING if ended else State.RUNNING)
 
     def close(self):
-        """Tells the services that this process ends, waits for 2 s at most until they have all that was written, and leaves."""
+        """Says that this process ends, waits for 2 s at most until all have what was written, and leaves."""
         self._closing.set()
         self._heart.join()
         for writer in self._writers:
