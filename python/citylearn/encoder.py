@@ -142,6 +142,8 @@ def run(path):
     """Runs FILE.py as `python3 FILE.py` does, but for `import citylearn`: it finds this serve_encoder alone."""
     global _link, _path, _hash
     _link, _path = socket.socket(fileno=3), path
+    # PyTorch's threads sleep while they wait for each other. As they come, they spin, on cores that others need.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     threading.Thread(target=end_with_program, daemon=True).start()
     try:
         try:

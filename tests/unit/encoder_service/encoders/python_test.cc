@@ -81,6 +81,15 @@ TEST_F(PythonEncoder, IsNamedByTheFilesBytesAndItsVersion) {
   EXPECT_TRUE(make(program("", ", version='dino-2'"))->spec().name.starts_with("python-1 dino-2 "));
 }
 
+TEST_F(PythonEncoder, ItsThreadsSleepWhileTheyWaitUnlessTheUserNamesAPolicy) {
+  const std::string text = program("v[:] = ['passive', 'active'].index(os.environ['OMP_WAIT_POLICY'])");
+  ::unsetenv("OMP_WAIT_POLICY");
+  EXPECT_EQ(encode(*make(text), {picture(8, 6)})(0, 0), 0);
+  ::setenv("OMP_WAIT_POLICY", "active", 1);
+  EXPECT_EQ(encode(*make(text), {picture(8, 6)})(0, 0), 1);
+  ::unsetenv("OMP_WAIT_POLICY");
+}
+
 TEST_F(PythonEncoder, AWrongFileIsOneLineThatNamesIt) {
   const std::map<std::string, std::string> wrong = {
       {program("raise ValueError('too long')"), "e.py:9: ValueError: too long"},
