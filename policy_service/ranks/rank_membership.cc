@@ -115,8 +115,10 @@ void RankMembership::tick(Clock::time_point now) {
 
 /// What came while this process stood still is not read yet: nobody is silent for that.
 void RankMembership::pass_to(Clock::time_point now) {
-  if (const auto pause = now - std::exchange(last_tick_, now); pause > kRankPaused)
-    for (auto& [rank, peer] : peers_) peer.came += pause;
+  const auto pause = now - std::exchange(last_tick_, now);
+  if (pause <= kRankPaused) return;
+  resumed_ = now;
+  for (auto& [rank, peer] : peers_) peer.came += pause;
 }
 
 /// Finds out who is here, and does what follows from it.
@@ -188,6 +190,8 @@ void RankMembership::coordinate(Clock::time_point now) {
   if (now < settled_ &&
       std::any_of(here_.begin(), here_.end(), [](const auto& entry) { return entry.second->coordinator() == 0; }))
     return;  // they lost a coordinator too, and are coming
+  // After it stood still it reads old votes first, of ranks that have gone on without it.
+  if (now - resumed_ < 2 * kRankRepeat) return;
   for (const Status* one : followers(incarnation_)) {
     if (one->phase() == msg::ADDING) return;
     const bool called = status_.call() != 0 && contains_number(status_.members(), one->header().incarnation());

@@ -92,7 +92,7 @@ class RankMembership {
   Status status_;
   std::map<std::uint32_t, Peer> peers_;          ///< by rank, but this one
   std::map<std::uint64_t, const Status*> here_;  ///< by incarnation: ranks that are heard and hear this one, and itself
-  Clock::time_point last_tick_, called_at_{}, settled_{}, other_heard_{}, twin_since_{};
+  Clock::time_point last_tick_, called_at_{}, settled_{}, other_heard_{}, twin_since_{}, resumed_{};
   std::uint64_t twin_ = 0;  ///< incarnation of another process of this rank
   std::string refusal_;
   std::optional<RankCall> call_;

@@ -11,6 +11,7 @@
 #include <functional>
 #include <memory>
 #include <random>
+#include <sstream>
 
 #include "core/exchange/timing.h"
 #include "tests/support/text.h"
@@ -362,6 +363,31 @@ TEST_F(RankMembershipTest, NothingCountsTwiceHoweverStatusesTravel) {
     world.weather = {.ranks = world.weather.ranks};
     EXPECT_TRUE(world.run_until([&] { return world.together(); }, 15000)) << "seed " << seed << " " << world.fault;
     EXPECT_EQ(world.fault, "") << "seed " << seed;
+  }
+}
+
+TEST_F(RankMembershipTest, OneThatStoodStillCountsNoUpdateThatTheOthersMadeAnew) {
+  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+    World world(seed, {});
+    for (int pauses = 0; pauses < 8 && world.fault.empty(); ++pauses) {
+      ASSERT_TRUE(world.run_until([&] { return world.together(); }, 10000)) << "seed " << seed << " " << world.fault;
+      world.run_until(world.now + world.pick(0, 200));
+      Learner& one = world.of(world.pick(0, 2));
+      one.paused = true;
+      world.run_until(world.now + world.pick(1600, 4000));
+      one.paused = false;
+      // What came meanwhile is read one after another, the oldest first.
+      int delay = 0;
+      for (auto& event : std::exchange(one.waiting, {})) one.later(++delay / 4, std::move(event));
+    }
+    EXPECT_EQ(world.fault, "") << "seed " << seed;
+    std::map<int, int> numbered;
+    std::istringstream log(world.log);
+    for (int time = 0, place = 0, update = 0; log >> time >> place >> update;) {
+      const int number = world.updates[static_cast<std::size_t>(update)].count;
+      EXPECT_EQ(numbered.emplace(number, update).first->second, update)
+          << "number " << number << " of process " << place << " at " << time << " ms, seed " << seed;
+    }
   }
 }
 
