@@ -11,6 +11,7 @@
 #include <fstream>
 #include <limits>
 #include <map>
+#include <protozero/pbf_reader.hpp>
 #include <queue>
 
 #include "core/util/error.h"
@@ -19,7 +20,6 @@
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
 #include "env_service/geometry/plane.h"
-#include "env_service/streets/protobuf.h"
 
 namespace citylearn {
 namespace {
@@ -36,17 +36,32 @@ double turned(double degrees) {
   return rest < 0 ? std::fmod(rest + 360, 360) : rest;
 }
 
-void require_whole(const ProtobufReader& reader, const std::string& where) {
-  if (reader.damaged())
-    throw Error("is not the message of StreetLearn, or one that was cut short", where, "copy it again");
-}
-
 /// Field numbers of streetlearn.proto.
 namespace field {
 enum Graph { kConnection = 3, kPano = 5 };
 enum Part { kId = 1, kNeighbor = 3, kCoords = 9, kHeading = 13, kImage = 16 };  // of Pano and PanoConnection
 enum Coords { kLatitude = 1, kLongitude = 2 };
 }  // namespace field
+
+/// Calls `use` with the number of each field of a message of StreetLearn, its text, else empty, and its double, else
+/// NaN.
+template <class Use>
+void each_field(std::string_view message, const std::string& where, Use use) try {
+  protozero::pbf_reader fields(message.data(), message.size());
+  while (fields.next()) {
+    if (fields.wire_type() == protozero::pbf_wire_type::length_delimited) {
+      const protozero::data_view text = fields.get_view();
+      use(fields.tag(), std::string_view(text.data(), text.size()), kNaN);
+    } else if (fields.wire_type() == protozero::pbf_wire_type::fixed64) {
+      use(fields.tag(), std::string_view(), fields.get_double());
+    } else {
+      fields.skip();
+      use(fields.tag(), std::string_view(), kNaN);
+    }
+  }
+} catch (const protozero::exception&) {
+  throw Error("is not the message of StreetLearn, or one that was cut short", where, "copy it again");
+}
 
 std::string too_many_links(const std::string& place) {
   return "more than " + std::to_string(StreetMap::kMaxLinksOfPlace) + " links at " + place;
@@ -95,19 +110,15 @@ void each_row(const std::string& path, std::size_t columns, const char* otherwis
 
 StreetPlace place_of(std::string_view pano, const std::string& where) {
   StreetPlace place{"", 0, kNaN, kNaN};
-  ProtobufReader fields(pano);
-  while (fields.next()) {
-    if (fields.field() == field::kId) place.id = fields.text();
-    if (fields.field() == field::kHeading) place.yaw = fields.number();
-    if (fields.field() != field::kCoords) continue;
-    ProtobufReader coords(fields.text());
-    while (coords.next()) {
-      if (coords.field() == field::kLatitude) place.latitude = coords.number();
-      if (coords.field() == field::kLongitude) place.longitude = coords.number();
-    }
-    require_whole(coords, where);
-  }
-  require_whole(fields, where);
+  each_field(pano, where, [&](std::uint32_t part, std::string_view text, double number) {
+    if (part == field::kId) place.id = text;
+    if (part == field::kHeading) place.yaw = number;
+    if (part != field::kCoords) return;
+    each_field(text, where, [&](std::uint32_t coordinate, std::string_view, double degrees) {
+      if (coordinate == field::kLatitude) place.latitude = degrees;
+      if (coordinate == field::kLongitude) place.longitude = degrees;
+    });
+  });
   return place;
 }
 
@@ -177,24 +188,19 @@ StreetGraph StreetGraph::from_leveldb(const LevelDb& database) {
   const auto check = [&](const std::string& fault) {
     if (!fault.empty()) throw Error(fault, where);
   };
-  const auto each = [&](int wanted, auto&& use) {
-    ProtobufReader fields(message);
-    while (fields.next())
-      if (fields.field() == wanted) use(fields.text());
-    require_whole(fields, where);
-  };
-  each(field::kPano, [&](std::string_view pano) { check(graph.add(place_of(pano, where))); });
+  each_field(message, where, [&](std::uint32_t part, std::string_view pano, double) {
+    if (part == field::kPano) check(graph.add(place_of(pano, where)));
+  });
   // Links refer to places, which may stand behind them.
-  each(field::kConnection, [&](std::string_view links) {
+  each_field(message, where, [&](std::uint32_t part, std::string_view connection, double) {
+    if (part != field::kConnection) return;
     std::string id;
     std::vector<std::string_view> neighbors;
-    ProtobufReader connection(links);
-    while (connection.next()) {
-      if (connection.field() == field::kId) id = connection.text();
-      if (connection.field() == field::kNeighbor) neighbors.push_back(connection.text());
+    each_field(connection, where, [&](std::uint32_t inner, std::string_view text, double) {
+      if (inner == field::kId) id = text;
+      if (inner == field::kNeighbor) neighbors.push_back(text);
       if (neighbors.size() > StreetMap::kMaxLinksOfPlace) check(too_many_links(printable(id)));
-    }
-    require_whole(connection, where);
+    });
     const int from = graph.find(id);
     if (from < 0) check("connects panorama " + printable(id) + ", which it does not describe");
     for (const std::string_view neighbor : neighbors) {
@@ -394,10 +400,9 @@ std::vector<StreetStep> StreetGraph::walk(const std::vector<int>& stops, const s
 
 std::string_view picture_of_panorama(std::string_view panorama, const std::string& where) {
   std::string_view picture;
-  ProtobufReader fields(panorama);
-  while (fields.next())
-    if (fields.field() == field::kImage) picture = fields.text();
-  require_whole(fields, where);
+  each_field(panorama, where, [&](std::uint32_t part, std::string_view text, double) {
+    if (part == field::kImage) picture = text;
+  });
   if (picture.empty()) throw Error("has no picture", where);
   if (!picture.starts_with("\xFF\xD8\xFF")) throw Error("has a picture that is not a JPEG", where);
   return picture;
