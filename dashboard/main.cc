@@ -8,6 +8,7 @@
 #include <atomic>
 #include <filesystem>
 #include <iostream>
+#include <thread>
 
 #include "core/exchange/timing.h"
 #include "core/metrics/exposition.h"
@@ -26,6 +27,7 @@ namespace {
 using namespace citylearn;
 
 const std::string kAllRuns = "all";
+constexpr auto kTurnInterval = 5ms;  // a thread that is woken for each episode costs more than the episode
 
 struct CommandLine {
   ServerOptions server;
@@ -210,6 +212,7 @@ int serve(CommandLine& line) {
   watch.node.report(msg::RUNNING, "serving " + server.url());
   while (!stop_requested()) {
     watch.turn();
+    if (!watch.playback) std::this_thread::sleep_for(kTurnInterval);
     watch.node.wait(std::min({watch.recorder.due(), watch.live.due(), Clock::now() + kStopCheckInterval}));
   }
   watch.recorder.finish(line.leave);
