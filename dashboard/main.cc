@@ -27,7 +27,6 @@ namespace {
 using namespace citylearn;
 
 const std::string kAllRuns = "all";
-constexpr auto kTurnInterval = 5ms;  // a thread that is woken for each episode costs more than the episode
 
 struct CommandLine {
   ServerOptions server;
@@ -212,7 +211,7 @@ int serve(CommandLine& line) {
   watch.node.report(msg::RUNNING, "serving " + server.url());
   while (!stop_requested()) {
     watch.turn();
-    if (!watch.playback) std::this_thread::sleep_for(kTurnInterval);
+    if (!watch.playback) std::this_thread::sleep_for(kDashboardTurn);
     watch.node.wait(std::min({watch.recorder.due(), watch.live.due(), Clock::now() + kStopCheckInterval}));
   }
   watch.recorder.finish(line.leave);
