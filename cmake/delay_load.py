@@ -17,7 +17,7 @@ resolve:  # keeps the registers that may hold arguments; %r11, which may hold no
   .irp n, 0, 1, 2, 3, 4, 5, 6, 7
   movaps %xmm\\n, 16 * \\n(%rsp)
   .endr
-  mov %r11, %rdi
+  mov %r11, %rdi; mov 8(%r11), %rsi; mov 16(%r11), %rdx
   call citylearn_load_function
   mov %rax, %r11
   .irp n, 0, 1, 2, 3, 4, 5, 6, 7
@@ -35,7 +35,7 @@ STUB = """
 2: lea 1f(%rip), %r11
   jmp resolve
 .pushsection .data
-1: .quad 2b, 3f, 4f  # a DelayedFunction
+1: .quad 2b, 3f, 4f
 .popsection
 .pushsection .rodata
 3: .asciz "{library}"
