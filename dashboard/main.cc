@@ -8,6 +8,7 @@
 #include <atomic>
 #include <filesystem>
 #include <iostream>
+#include <thread>
 
 #include "core/exchange/timing.h"
 #include "core/metrics/exposition.h"
@@ -210,6 +211,7 @@ int serve(CommandLine& line) {
   watch.node.report(msg::RUNNING, "serving " + server.url());
   while (!stop_requested()) {
     watch.turn();
+    if (!watch.playback) std::this_thread::sleep_for(kDashboardTurn);
     watch.node.wait(std::min({watch.recorder.due(), watch.live.due(), Clock::now() + kStopCheckInterval}));
   }
   watch.recorder.finish(line.leave);

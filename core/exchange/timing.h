@@ -62,6 +62,7 @@ inline constexpr auto kEncoderBusyInterval = 5ms;  ///< between looks at what th
 
 // What people see: Scenes, requests of pictures, updates of the page.
 inline constexpr auto kSceneInterval = 100ms, kPictureInterval = 100ms, kLiveUpdate = 100ms, kServicesUpdate = 250ms;
+inline constexpr auto kDashboardTurn = 5ms;    ///< of a dashboard at least: a wake-up costs more than an episode
 inline constexpr auto kPauseMax = 2s;          ///< longest pause between two pictures that are fetched in spare time
 inline constexpr auto kRunSilence = 5s;        ///< a run without a RunInfo for so long is lost; long updates delay one
 inline constexpr auto kBridgePictures = 10ms;  ///< between two requests of pictures for ROS 2; most are cached

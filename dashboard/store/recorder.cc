@@ -9,8 +9,8 @@
 namespace citylearn {
 namespace {
 
-// A batch of so many is committed without waiting for more, because env_services resend until the acknowledgement.
-constexpr std::size_t kCommitBatch = 32;
+// A batch of so many is committed without waiting for more. Each transaction costs a write to the disk.
+constexpr std::size_t kCommitBatch = 512;
 constexpr int kBatchesPerPoll = 4;       // others need the thread too
 constexpr std::size_t kMaxBatch = 2000;  // episodes of a transaction
 

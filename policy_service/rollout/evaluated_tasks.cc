@@ -23,6 +23,7 @@ void EvaluatedTasks::follow(const msg::Observation& observation) {
       if (agent.begun > 0 && !numbered_)
         if (const auto ended = seen_.extract(agent.task)) known_.add(ended.mapped());
       agent.task = first_task_ + static_cast<std::uint32_t>(a + count * agent.begun++);
+      agent.seen = nullptr;
     }
     const std::size_t column = agent.task % kColumns, batch = taken[column]++;
     if (batch == batches_.size()) batches_.emplace_back().fill(kNobody);
@@ -31,10 +32,11 @@ void EvaluatedTasks::follow(const msg::Observation& observation) {
 }
 
 void EvaluatedTasks::normalise(const FeatureNormaliser& normaliser, int agent, Eigen::Ref<Vector<float>> features) {
-  SeenFeatures& own = seen_[task(agent)];
-  own.see(features);
+  SeenFeatures*& own = agents_[static_cast<std::size_t>(agent)].seen;
+  if (!own) own = &seen_[task(agent)];
+  own->see(features);
   total_ = known_;
-  total_.add(own);
+  total_.add(*own);
   // In memory of its own, because the order in which a vector's numbers are summed depends on where it begins.
   features_ = features;
   normaliser.apply(features_, total_);

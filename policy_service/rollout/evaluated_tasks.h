@@ -45,7 +45,8 @@ class EvaluatedTasks {
  private:
   struct Agent {
     std::uint32_t task = 0;
-    std::uint32_t begun = 0;  // tasks
+    std::uint32_t begun = 0;       // tasks
+    SeenFeatures* seen = nullptr;  // in its task; null before normalise()
   };
 
   bool numbered_ = false;  // by begin()

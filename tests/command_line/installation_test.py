@@ -48,6 +48,18 @@ class Installation(CommandLine):
             self.assertEqual(self.run_command(SOURCE / "run", command, "--help").replace(f"{SOURCE}/run", "citylearn"),
                              self.run_command("citylearn", command, "--help"))
 
+    def test_programs_load_what_decodes_pictures_when_they_need_it(self):
+        linked = self.run_command("ldd", PREFIX / "bin/citylearn_data")
+        for library in re.findall(r"\S*(?:imgcodecs|libav|libsws|libheif)\S*(?= =>)", linked):
+            (self.folder / library).write_text("")
+        self.environment["LD_LIBRARY_PATH"] = str(self.folder)
+        self.assertIn("libopencv_imgcodecs", self.run_command(PREFIX / "bin/citylearn_data", "list", status=127))
+        for program in ("env_service", "encoder_service", "dashboard"):
+            self.run_command(PREFIX / "bin" / program, "--help")
+        said = self.run_command(PREFIX / "bin/env_service", "--dataset", "synthetic", "--traversal", "winter", "--align-to",
+                                "summer", "--align-by", "sight", "--show", status=127)
+        self.assertRegex(said, r"env_service: \S*libopencv_imgcodecs\S+: file too short \(install the package that has this")
+
     def test_the_doctor_looks_at_this_machine(self):
         said = self.run_command("citylearn", "doctor", "--seconds", "1", status=1)
         self.assertIn(f"PROBLEM: no participant was heard in domain {self.domain} on lo", said)

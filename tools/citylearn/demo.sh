@@ -157,7 +157,8 @@ open_run() {
 # Waits until the program called $1 has ended, and returns its status. Another one that ends before has said why in its log, and
 # ends all, but for the dashboard. (bash's `wait -n` misses a service that is killed before it is called.)
 finish() {
-  local name status
+  local name status never
+  exec {never}<> <(:)   # to wait on, without starting a `sleep` each time
   while true; do
     for name in "${!running[@]}"; do
       ! kill -0 "${running[$name]}" 2>/dev/null || continue
@@ -173,7 +174,7 @@ finish() {
           fail "$name ended early (status $status); its log is $output/logs/$name.log" ;;
       esac
     done
-    sleep 0.1
+    read -rt 0.1 -u "$never" || true
   done
 }
 
@@ -353,10 +354,18 @@ demo() {
     local same=(); [ "$1" = "$route" ] || [ ${#aligning[@]} -eq 0 ] || same=(--align-to "$route" "${aligning[@]}")
     local words=(--traversal "$1" "${part[@]}" "${same[@]}"); local shown=${looked[${words[*]}]:-}
     [ -n "$shown" ] || shown=$("$env" "${source[@]}" "${words[@]}" "${world[@]}" --show) || return 1
-    looked[${words[*]}]=$shown pairs=$(sed -n 's/^matched by //p' <<<"$shown")
-    dataset=$(sed -n 's/^dataset //p' <<<"$shown") streets=$(sed -n 's/^streets //p' <<<"$shown")
-    kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
-    called[$1]=$(sed -n 's/^traversal //p' <<<"$shown")
+    looked[${words[*]}]=$shown pairs='' streets=''
+    local line
+    while IFS= read -r line; do
+      case $line in
+        'matched by '*) pairs=${line#matched by } ;;
+        'dataset '*) dataset=${line#* } ;;
+        'streets '*) streets=${line#* } ;;
+        'images '*) kind=${line#* } ;;
+        'frames '*) length=${line#* } ;;
+        'traversal '*) called[$1]=${line#* } ;;
+      esac
+    done <<<"$shown"
   }
   # Matches recordings of unequal lengths among $1 (A,B; empty: all) by what they show, if they show the same places: frames of
   # one index hardly do.
