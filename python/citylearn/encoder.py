@@ -4,6 +4,7 @@ own, with FILE.py as argument. It runs FILE.py, whose call of serve_encoder then
 The other side is encoder_service/encoders/python.cc. It needs NumPy, and not this package's module."""
 
 import hashlib
+import multiprocessing
 import os
 import re
 import select
@@ -16,7 +17,7 @@ import time
 import traceback
 import types
 
-MAX_DIMENSION, MAX_BATCH, MAX_SIDE = 65536, 1024, 4096
+MAX_DIMENSION, MAX_BATCH, MAX_SIDE, MAX_TEXT = 65536, 1024, 4096, 500
 TRIAL_SIZE = 320, 240  # width and height of the trial's pictures where FILE.py names none
 TOLERANCE = 1e-2  # of a vector's length: numbers of 16 bits round otherwise in other batches
 
@@ -40,7 +41,8 @@ def report(error):
     lines = [str(frame.lineno) for frame in traceback.extract_tb(error.__traceback__) if frame.filename == _path]
     if isinstance(error, SyntaxError) and error.filename == _path:
         lines = [str(error.lineno)]
-    text = traceback.format_exception_only(type(error), error)[-1].strip().split("\n")[0]
+    texts = traceback.format_exception_only(type(error), error)
+    text = " ".join("".join(texts[-1:] if isinstance(error, SyntaxError) else texts).split())[:MAX_TEXT]
     if isinstance(error, Fault):
         lines, text = [], str(error)
     elif isinstance(error, ImportError):
@@ -57,10 +59,14 @@ def vectors_of(encode, pictures, dimension):
     count, result = len(pictures), encode(pictures)
     if hasattr(result, "detach"):  # a tensor of PyTorch, perhaps on a GPU
         result = result.detach().cpu().float().numpy()
-    result = numpy.asarray(result)
+    what = f"numbers of shape {tuple(result.shape)}" if hasattr(result, "shape") else f"a {type(result).__name__}"
+    try:
+        result = numpy.asarray(result)
+    except Exception:  # parts of a tuple or list differ
+        result = numpy.empty(())
     wanted = [dimension] if dimension else range(1, MAX_DIMENSION + 1)
     if result.ndim != 2 or len(result) != count or result.shape[1] not in wanted:
-        raise Fault(f"the function gives numbers of shape {result.shape} for {count} pictures, not "
+        raise Fault(f"the function gives {what} for {count} pictures, not an array of shape "
                     f"({count}, {dimension or f'1 to {MAX_DIMENSION}'})")
     if result.dtype.kind != "f":
         raise Fault(f"the function gives numbers of type {result.dtype}, not float32")
@@ -98,6 +104,8 @@ def serve_encoder(encode, *, dimension=None, size=None, batch=16, version="1"):
     version: part of the name under which vectors are stored, beside the hash of FILE.py. Change it with whatever else
         changes numbers: weights, libraries.
     """
+    if multiprocessing.parent_process():  # a worker, which imports FILE.py for what is in there
+        return
     if not _link:
         program, file = shutil.which("citylearn"), getattr(sys.modules["__main__"], "__file__", None)
         if not program or not file:
@@ -146,11 +154,7 @@ def run(path):
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     threading.Thread(target=end_with_program, daemon=True).start()
     try:
-        try:
-            import numpy  # noqa: F401
-        except ImportError as error:
-            raise Fault(f"encoders in Python need NumPy, which {sys.executable} lacks ({error}): apt-get install "
-                        "python3-numpy, or name another interpreter by CITYLEARN_PYTHON") from None
+        import numpy  # noqa: F401, before modules in the folder of FILE.py hide those that it needs
         with open(path, "rb") as file:
             source = file.read()
         _hash = hashlib.sha256(source).hexdigest()[:16]
