@@ -212,6 +212,7 @@ class Python : public Encoder {
 
  private:
   Greeting start() {
+    spdlog::info("starting {} ...", file_);
     interpreter_ = std::make_unique<Interpreter>(file_, limit_);
     return interpreter_->greet();
   }
