@@ -4,7 +4,6 @@ own, with FILE.py as argument. It runs FILE.py, whose call of serve_encoder then
 The other side is encoder_service/encoders/python.cc. It needs NumPy, and not this package's module."""
 
 import hashlib
-import multiprocessing
 import os
 import re
 import select
@@ -104,7 +103,7 @@ def serve_encoder(encode, *, dimension=None, size=None, batch=16, version="1"):
     version: part of the name under which vectors are stored, beside the hash of FILE.py. Change it with whatever else
         changes numbers: weights, libraries.
     """
-    if multiprocessing.parent_process():  # a worker, which imports FILE.py for what is in there
+    if sys.modules.get("__mp_main__", sys).__name__ == "__mp_main__":  # a worker of multiprocessing imports FILE.py
         return
     if not _link:
         program, file = shutil.which("citylearn"), getattr(sys.modules["__main__"], "__file__", None)
