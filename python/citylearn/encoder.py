@@ -20,7 +20,7 @@ MAX_DIMENSION, MAX_BATCH, MAX_SIDE, MAX_TEXT = 65536, 1024, 4096, 500
 TRIAL_SIZE = 320, 240  # width and height of the trial's pictures where FILE.py names none
 TOLERANCE = 1e-2  # of a vector's length: numbers of 16 bits round otherwise in other batches
 
-_link = _path = _hash = None  # the socket, FILE.py and its hash, in a process that our programs started
+_link = _path = _hash = numpy = None  # the socket, FILE.py, its hash and the module, in a process of our programs
 
 
 class Fault(Exception):
@@ -54,7 +54,6 @@ def report(error):
 
 def vectors_of(encode, pictures, dimension):
     """Returns what encode() makes of n pictures as n x D floats. Raises Fault when they are anything else."""
-    import numpy
     count, result = len(pictures), encode(pictures)
     if hasattr(result, "detach"):  # a tensor of PyTorch, perhaps on a GPU
         result = result.detach().cpu().float().numpy()
@@ -79,7 +78,6 @@ def vectors_of(encode, pictures, dimension):
 
 def trial(encode, dimension, size, batch):
     """Returns the dimension and the seconds of a picture. Raises Fault when the same picture gets other numbers."""
-    import numpy
     pictures = numpy.random.default_rng(1).integers(0, 256, (2, *reversed(size or TRIAL_SIZE), 3), numpy.uint8)
     alone = vectors_of(encode, pictures[:1].copy(), dimension)
     start = time.monotonic()
@@ -122,7 +120,6 @@ def serve_encoder(encode, *, dimension=None, size=None, batch=16, version="1"):
         raise Fault(f"serve_encoder: {encode!r} is not a function")
     if not re.fullmatch(r"[A-Za-z0-9._+-]{1,64}", str(version)):
         raise Fault(f"serve_encoder: version is {version!r}, not 1 to 64 letters, digits, dots and the like")
-    import numpy
     dimension, seconds = trial(encode, dimension, sides, batch)
     _link.sendall(struct.pack("<5if108s", 0, dimension, *(sides or (0, 0)), batch, seconds, f"{version} {_hash}".encode()))
     while True:
@@ -147,13 +144,13 @@ def end_with_program():
 
 def run(path):
     """Runs FILE.py as `python3 FILE.py` does, but for `import citylearn`: it finds this serve_encoder alone."""
-    global _link, _path, _hash
+    global _link, _path, _hash, numpy
     _link, _path = socket.socket(fileno=3), path
     # PyTorch's threads sleep while they wait for each other. As they come, they spin, on cores that others need.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     threading.Thread(target=end_with_program, daemon=True).start()
     try:
-        import numpy  # noqa: F401, before modules in the folder of FILE.py hide those that it needs
+        import numpy  # before modules in the folder of FILE.py hide those that it needs
         with open(path, "rb") as file:
             source = file.read()
         _hash = hashlib.sha256(source).hexdigest()[:16]
