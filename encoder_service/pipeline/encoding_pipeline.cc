@@ -75,7 +75,7 @@ EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& opti
   node_.report(msg::STARTING, "starting " + (options_.files.model.empty() ? entry.name : options_.files.model));
   bool made = false;
   encoding_.post([&] { encoder_ = entry.create(parameters, options_.files); }, [&made] { made = true; });
-  for (encoding_.run_completions(); !made; encoding_.run_completions()) {
+  while (encoding_.run_completions(), !made) {
     node_.publish_heartbeat_if_due();
     std::this_thread::sleep_for(kEncoderBusyInterval);
   }
