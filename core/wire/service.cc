@@ -6,10 +6,12 @@
 #include <spdlog/spdlog.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <csignal>
@@ -38,6 +40,7 @@ constexpr std::uint64_t kMinMemoryLimit = 64 << 20;
 constexpr std::chrono::milliseconds kMemoryCheckInterval{50};
 
 volatile std::sig_atomic_t stop_signal = 0;
+std::atomic<int> counted_child = -1;
 
 extern "C" void on_stop_signal(int signal) { stop_signal = signal; }
 
@@ -77,11 +80,11 @@ void install_handlers() {
   std::signal(SIGXFSZ, SIG_IGN);  // a file beyond `ulimit -f` is an error of its write, as on a full disk
 }
 
-/// Returns the bytes that this process holds for itself; 0 where /proc is not mounted. Mapped files do not count,
-/// because the kernel drops their pages when it needs room.
-std::uint64_t held_memory() {
+/// Returns the bytes that a process holds for itself; 0 where /proc is not mounted. Mapped files do not count, because
+/// the kernel drops their pages when it needs room.
+std::uint64_t held_memory(const std::string& process) {
   std::uint64_t size = 0, resident = 0, shared = 0;
-  std::ifstream("/proc/self/statm") >> size >> resident >> shared;
+  std::ifstream("/proc/" + process + "/statm") >> size >> resident >> shared;
   return (resident - shared) * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
 }
 
@@ -103,12 +106,16 @@ std::jthread restart_beyond(std::uint64_t limit, std::vector<std::string> argume
     std::unique_lock lock(mutex);
     std::condition_variable_any stopped;
     while (!stopped.wait_for(lock, stop, kMemoryCheckInterval, [&stop] { return stop.stop_requested(); })) {
-      const std::uint64_t held = held_memory();
+      const int child = counted_child;
+      siginfo_t ended;
+      const bool has_child = child > 0 && waitid(P_PID, child, &ended, WEXITED | WNOHANG | WNOWAIT) == 0;
+      const std::uint64_t held = held_memory("self") + (has_child ? held_memory(std::to_string(child)) : 0);
       if (held <= limit) continue;
       const std::string line =
           fmt::format("starts again, as it holds {} MB of memory, more than its limit of {} MB (--memory-limit)",
                       held >> 20, limit >> 20);
       print_last_line(program_invocation_short_name, line.c_str());
+      if (has_child && kill(-child, SIGKILL) == 0) waitpid(child, nullptr, 0);  // before its owner misses it
       close_range(STDERR_FILENO + 1, ~0U, 0);
       execv(program.c_str(), words.data());
       std::_Exit(1);
@@ -258,6 +265,8 @@ void add_metrics_option(CLI::App& app, Node::Options& options) {
       ->envname("CITYLEARN_METRICS")
       ->check(metrics_address_problem);
 }
+
+void count_memory_of(int child) { counted_child = child; }
 
 void add_memory_option(CLI::App& app) {
   const OptionGroup group(app, "Service");

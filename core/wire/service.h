@@ -42,6 +42,9 @@ void add_metrics_option(CLI::App& app, Node::Options& options);
 /// soon after it holds more memory than this, or else than three quarters of the machine's.
 void add_memory_option(CLI::App& app);
 
+/// Counts the memory of this child process for --memory-limit, too. A new start of the program kills its group.
+void count_memory_of(int child);
+
 /// Adds an option `--PREFIX-NAME` for each parameter of a plug-in. `values` gets the given ones, without the prefix.
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
                     std::map<std::string, double>& values);

@@ -99,6 +99,7 @@ Interpreter::Interpreter(std::string file, std::chrono::seconds limit) : file_(s
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   for (const int one : {other, code, source, ends[1]}) ::close(one);
+  count_memory_of(id_);
   if (!failed) return;
   ::close(socket_);
   throw Error("cannot start '" + program_ + "': " + std::strerror(failed), file_,
@@ -211,6 +212,7 @@ class Python : public Encoder {
 
  private:
   Greeting start() {
+    spdlog::info("starting {} ...", file_);
     interpreter_ = std::make_unique<Interpreter>(file_, limit_);
     return interpreter_->greet();
   }

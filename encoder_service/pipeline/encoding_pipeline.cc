@@ -7,7 +7,9 @@
 #include <algorithm>
 #include <filesystem>
 #include <opencv2/core.hpp>
+#include <thread>
 
+#include "core/exchange/timing.h"
 #include "core/files/files.h"
 #include "encoder_service/encoding/picture_encoder.h"
 #include "encoder_service/pipeline/reduced_traversal.h"
@@ -69,7 +71,14 @@ EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& opti
     : node_(node), options_(options), find_host_(std::move(find_host)), exchange_(node) {
   const auto& entry = EncoderRegistry::instance().find("encoder", options_.encoder);
   const Parameters parameters("encoder " + entry.name, entry.parameters, options_.parameters);
-  encoder_ = entry.create(parameters, options_.files);
+  // An encoder in Python takes many seconds to start. The heartbeats say so meanwhile, and others wait for it.
+  node_.report(msg::STARTING, "starting " + (options_.files.model.empty() ? entry.name : options_.files.model));
+  bool made = false;
+  encoding_.post([&] { encoder_ = entry.create(parameters, options_.files); }, [&made] { made = true; });
+  while (encoding_.run_completions(), !made) {
+    node_.publish_heartbeat_if_due();
+    std::this_thread::sleep_for(kEncoderBusyInterval);
+  }
   encoder_recipe_ = entry.name;
   for (const auto& [name, value] : parameters.values()) encoder_recipe_ += fmt::format(" {}={:g}", name, value);
   const EncoderFiles& files = options_.files;

@@ -17,7 +17,8 @@ void ServiceMonitor::on_status(const msg::ServiceStatus& status) {
   if (services_.size() >= kMaxServices)
     std::erase_if(services_, [now](const auto& entry) { return !entry.second.presence.here(now); });
   if (services_.size() < kMaxServices || services_.contains(incarnation))
-    services_[incarnation] = {id, service, status.activity().c_str(), status.service_state() == msg::RUNNING,
+    services_[incarnation] = {id, service, status.activity().c_str(),
+                              status.service_state() == msg::RUNNING || status.service_state() == msg::STARTING,
                               Presence(now)};
 }
 

@@ -16,11 +16,11 @@ import time
 import traceback
 import types
 
-MAX_DIMENSION, MAX_BATCH, MAX_SIDE = 65536, 1024, 4096
+MAX_DIMENSION, MAX_BATCH, MAX_SIDE, MAX_TEXT = 65536, 1024, 4096, 500
 TRIAL_SIZE = 320, 240  # width and height of the trial's pictures where FILE.py names none
 TOLERANCE = 1e-2  # of a vector's length: numbers of 16 bits round otherwise in other batches
 
-_link = _path = _hash = None  # the socket, FILE.py and its hash, in a process that our programs started
+_link = _path = _hash = numpy = None  # the socket, FILE.py, its hash and the module, in a process of our programs
 
 
 class Fault(Exception):
@@ -40,7 +40,8 @@ def report(error):
     lines = [str(frame.lineno) for frame in traceback.extract_tb(error.__traceback__) if frame.filename == _path]
     if isinstance(error, SyntaxError) and error.filename == _path:
         lines = [str(error.lineno)]
-    text = traceback.format_exception_only(type(error), error)[-1].strip().split("\n")[0]
+    texts = traceback.format_exception_only(type(error), error)
+    text = " ".join("".join(texts[-1:] if isinstance(error, SyntaxError) else texts).split())[:MAX_TEXT]
     if isinstance(error, Fault):
         lines, text = [], str(error)
     elif isinstance(error, ImportError):
@@ -53,14 +54,17 @@ def report(error):
 
 def vectors_of(encode, pictures, dimension):
     """Returns what encode() makes of n pictures as n x D floats. Raises Fault when they are anything else."""
-    import numpy
     count, result = len(pictures), encode(pictures)
     if hasattr(result, "detach"):  # a tensor of PyTorch, perhaps on a GPU
         result = result.detach().cpu().float().numpy()
-    result = numpy.asarray(result)
+    what = f"numbers of shape {tuple(result.shape)}" if hasattr(result, "shape") else f"a {type(result).__name__}"
+    try:
+        result = numpy.asarray(result)
+    except Exception:  # parts of a tuple or list differ
+        result = numpy.empty(())
     wanted = [dimension] if dimension else range(1, MAX_DIMENSION + 1)
     if result.ndim != 2 or len(result) != count or result.shape[1] not in wanted:
-        raise Fault(f"the function gives numbers of shape {result.shape} for {count} pictures, not "
+        raise Fault(f"the function gives {what} for {count} pictures, not an array of shape "
                     f"({count}, {dimension or f'1 to {MAX_DIMENSION}'})")
     if result.dtype.kind != "f":
         raise Fault(f"the function gives numbers of type {result.dtype}, not float32")
@@ -74,7 +78,6 @@ def vectors_of(encode, pictures, dimension):
 
 def trial(encode, dimension, size, batch):
     """Returns the dimension and the seconds of a picture. Raises Fault when the same picture gets other numbers."""
-    import numpy
     pictures = numpy.random.default_rng(1).integers(0, 256, (2, *reversed(size or TRIAL_SIZE), 3), numpy.uint8)
     alone = vectors_of(encode, pictures[:1].copy(), dimension)
     start = time.monotonic()
@@ -98,6 +101,8 @@ def serve_encoder(encode, *, dimension=None, size=None, batch=16, version="1"):
     version: part of the name under which vectors are stored, beside the hash of FILE.py. Change it with whatever else
         changes numbers: weights, libraries.
     """
+    if sys.modules.get("__mp_main__", sys).__name__ == "__mp_main__":  # a worker of multiprocessing imports FILE.py
+        return
     if not _link:
         program, file = shutil.which("citylearn"), getattr(sys.modules["__main__"], "__file__", None)
         if not program or not file:
@@ -115,7 +120,6 @@ def serve_encoder(encode, *, dimension=None, size=None, batch=16, version="1"):
         raise Fault(f"serve_encoder: {encode!r} is not a function")
     if not re.fullmatch(r"[A-Za-z0-9._+-]{1,64}", str(version)):
         raise Fault(f"serve_encoder: version is {version!r}, not 1 to 64 letters, digits, dots and the like")
-    import numpy
     dimension, seconds = trial(encode, dimension, sides, batch)
     _link.sendall(struct.pack("<5if108s", 0, dimension, *(sides or (0, 0)), batch, seconds, f"{version} {_hash}".encode()))
     while True:
@@ -140,17 +144,13 @@ def end_with_program():
 
 def run(path):
     """Runs FILE.py as `python3 FILE.py` does, but for `import citylearn`: it finds this serve_encoder alone."""
-    global _link, _path, _hash
+    global _link, _path, _hash, numpy
     _link, _path = socket.socket(fileno=3), path
     # PyTorch's threads sleep while they wait for each other. As they come, they spin, on cores that others need.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     threading.Thread(target=end_with_program, daemon=True).start()
     try:
-        try:
-            import numpy  # noqa: F401
-        except ImportError as error:
-            raise Fault(f"encoders in Python need NumPy, which {sys.executable} lacks ({error}): apt-get install "
-                        "python3-numpy, or name another interpreter by CITYLEARN_PYTHON") from None
+        import numpy  # before modules in the folder of FILE.py hide those that it needs
         with open(path, "rb") as file:
             source = file.read()
         _hash = hashlib.sha256(source).hexdigest()[:16]

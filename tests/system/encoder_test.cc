@@ -133,5 +133,38 @@ TEST(EncodingInParts, APythonFunctionKilledInTheMiddleEncodesNoneTwice) {
   EXPECT_GE(before, first - kTrial - 2 * kBatch) << "all is stored but what was on its way";
 }
 
+TEST(EncodingInParts, APolicyServiceWaitsForAPythonFunctionThatStartsForLong) {
+  ::setenv("CITYLEARN_PYTHON", "/usr/bin/python3", 1);
+  Trial run("cyclonedds");
+  const std::string file = run.folder() / "encoder.py";
+  make_file(file, "import os, time\nwhile not os.path.exists(__file__ + '.go'): time.sleep(0.01)\n" +
+                      contents(CITYLEARN_SOURCE_DIR "/tests/support/encoder.py"));
+  const auto summer = run.env("summer", kDrawn);
+  const auto encoder = run.encoder({"--encoder", file});
+  ASSERT_TRUE(encoder->says("starting " + file + " ...", kShortWait)) << encoder->output();
+  const auto policy = run.policy({"--wait", "3", "--steps", "512", "--agent", "place_filter"});
+  ASSERT_TRUE(policy->says("waiting for features of summer; encoder: starting " + file, kShortWait))
+      << policy->output() << "after 5 s, so after those of --wait";
+  make_file(file + ".go", "");
+  EXPECT_EQ(policy->wait(kLongWait), 0) << policy->output() << encoder->output();
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // which hold memory of their own
+TEST(EncodingInParts, TheMemoryOfAPythonFunctionCountsForTheLimit) {
+  ::setenv("CITYLEARN_PYTHON", "/usr/bin/python3", 1);
+  Trial run("cyclonedds");
+  const std::string file = run.folder() / "encoder.py", process = file + ".process";
+  make_file(file,
+            "import os, numpy\nif not os.path.exists(__file__ + '.process'):\n"
+            "    open(__file__ + '.process', 'w').write(str(os.getpid()))\n    held = numpy.ones(60 << 20)\n" +
+                contents(CITYLEARN_SOURCE_DIR "/tests/support/encoder.py"));
+  const auto summer = run.env("summer", kDrawn);
+  const auto encoder = run.encoder({"--encoder", file, "--memory-limit", "400M"});
+  ASSERT_TRUE(encoder->says("summer: ready", kLongWait)) << encoder->output();
+  EXPECT_TRUE(encoder->says("MB of memory, more than its limit of 400 MB", kShortWait)) << encoder->output();
+  EXPECT_NE(::kill(std::stoi(contents(process)), 0), 0) << "the first process is left";
+}
+#endif
+
 }  // namespace
 }  // namespace citylearn::testing

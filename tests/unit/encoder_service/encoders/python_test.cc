@@ -95,12 +95,17 @@ TEST_F(PythonEncoder, AWrongFileIsOneLineThatNamesIt) {
       {program("raise ValueError('too long')"), "e.py:9: ValueError: too long"},
       {program("v[0, 1] = numpy.nan"), "NaN or infinite numbers for picture 0 of 1"},
       {program("v = v * 1e39 * 1e39"), "NaN or infinite numbers"},
-      {program("v = v[0]"), "shape (5,) for 1 pictures, not (1, 1 to 65536)"},
-      {program("", ", dimension=6"), "shape (1, 5) for 1 pictures, not (1, 6)"},
+      {program("v = v[0]"), "shape (5,) for 1 pictures, not an array of shape (1, 1 to 65536)"},
+      {program("v = (v, v[:, :2])"), "gives a tuple for 1 pictures, not an array of shape (1, 1 to 65536)"},
+      {program("v = (row for row in v)"), "gives a generator for 1 pictures"},
+      {program("v = None"), "gives a NoneType for 1 pictures"},
+      {program("v = v.astype(object)"), "type object, not float32"},
+      {program("", ", dimension=6"), "shape (1, 5) for 1 pictures, not an array of shape (1, 6)"},
       {program("v = v.astype(int)"), "type int64, not float32"},
-      {program("v = 'text'"), "shape () for 1 pictures"},
+      {program("v = 'text'"), "gives a str for 1 pictures"},
       {program("v = numpy.random.rand(len(p), 5)"), "other numbers each time for the same picture"},
       {program("v = v - v.mean(0) + 1"), "other numbers for a picture when another is beside it"},
+      {program("raise OSError('\\n\\nno weights:\\n  a, b')"), "e.py:9: OSError: no weights: a, b"},
       {program("sys.exit(4)"), "e.py:9: SystemExit: 4"},
       {program("os._exit(3)"), "e.py: /usr/bin/python3 ended with status 3"},
       {program("os.kill(os.getpid(), 11)"), "ended by signal: Segmentation fault"},
@@ -123,13 +128,26 @@ TEST_F(PythonEncoder, AWrongFileIsOneLineThatNamesIt) {
   make_file(folder_ / "bare", "#!/bin/sh\nexec /usr/bin/python3 -S \"$@\"\n");  // without Debian's packages
   std::filesystem::permissions(folder_ / "bare", std::filesystem::perms::owner_all);
   interpret_by(folder_ / "bare");
-  EXPECT_TRUE(contains(refusal(program("")), "need NumPy, which "));
+  EXPECT_TRUE(contains(refusal(program("")), "No module named 'numpy' (the interpreter is "));
+}
+
+TEST_F(PythonEncoder, TakesListsAndNumbersOf16Bits) {
+  for (const std::string body : {"v = [[float(x) for x in row] for row in v]", "v = v.astype('float16')"})
+    EXPECT_EQ(encode(*make(program(body)), {picture(8, 6)})(4, 0), 6) << body;
+}
+
+TEST_F(PythonEncoder, AWorkerMayImportTheFileWhereThePackageIsInstalled) {
+  make_file(folder_ / "citylearn.py", contents(CITYLEARN_SOURCE_DIR "/python/citylearn/encoder.py"));
+  make(
+      "import multiprocessing\nimport numpy\nimport citylearn\n\ndef encode(p):\n    return numpy.ones((len(p), 3))\n\n"
+      "if __name__ == '__main__':\n    worker = multiprocessing.get_context('spawn').Process(target=abs, args=[1])\n"
+      "    worker.start()\n    worker.join()\n    assert worker.exitcode == 0\n\ncitylearn.serve_encoder(encode)\n");
 }
 
 TEST_F(PythonEncoder, AFaultInTheMiddleIsSaidAndTheNextPictureEncoded) {
   const std::map<std::string, std::string> wrong = {
       {"if seven: raise KeyError(3)", "e.py:9: KeyError: 3"},
-      {"v = v[:, :4] if seven else v", "shape (1, 4) for 1 pictures, not (1, 5)"},
+      {"v = v[:, :4] if seven else v", "shape (1, 4) for 1 pictures, not an array of shape (1, 5)"},
       {"v = v / 0 if seven else v", "NaN or infinite numbers for picture 0 of 1"},
   };
   for (const auto& [body, said] : wrong) {
