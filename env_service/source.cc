@@ -140,6 +140,7 @@ std::unique_ptr<Dataset> open_dataset(const Source& source) {
                               given == source.parameters.end() ? std::map<std::string, double>() : given->second),
                    source.folder);
   dataset->walk_by(source.rule);
+  if (source.dataset == "plain" && is_folder(source.folder)) warn_of_arrays(source.folder);
   return dataset;
 }
 

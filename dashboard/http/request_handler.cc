@@ -36,6 +36,7 @@ std::optional<Reply> RequestHandler::refusal(const RequestHead& head, const std:
     return reply;
   }
   if (!target) return error_reply(400, "the path or a parameter of it is not properly percent-encoded UTF-8");
+  if (!target->repeated.empty()) return error_reply(400, "parameter '" + target->repeated + "' is given twice");
   const bool data = api || target->path == "/metrics";
   // Any page that is open in a browser may name an address here as its image: such a request has no Origin.
   if (data && !head.fetch_site.empty() && head.fetch_site != "same-origin" && head.fetch_site != "none")

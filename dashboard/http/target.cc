@@ -1,30 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/http/target.h"
 
+#include <charconv>
 #include <nlohmann/json.hpp>
 
 #include "core/files/json.h"
+#include "core/util/text.h"
 
 namespace citylearn {
 namespace {
 
 constexpr std::size_t kMaxTopics = 64, kMaxTopicLength = 512;  // IDs of runs are long
 
-int hex_digit(char c) {
-  if (c >= '0' && c <= '9') return c - '0';
-  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-  return -1;
-}
-
 std::optional<std::string> decoded(std::string_view text, bool plus_is_space) {
   std::string out;
   for (std::size_t i = 0; i < text.size(); ++i) {
     if (text[i] == '%') {
       if (i + 2 >= text.size()) return std::nullopt;
-      const int high = hex_digit(text[i + 1]), low = hex_digit(text[i + 2]);
-      if (high < 0 || low < 0) return std::nullopt;
-      out += static_cast<char>(high * 16 + low);
+      const char* const digits = text.data() + i + 1;
+      unsigned byte = 0;
+      if (std::from_chars(digits, digits + 2, byte, 16).ptr != digits + 2) return std::nullopt;
+      out += static_cast<char>(byte);
       i += 2;
     } else {
       out += plus_is_space && text[i] == '+' ? ' ' : text[i];
@@ -32,17 +28,6 @@ std::optional<std::string> decoded(std::string_view text, bool plus_is_space) {
   }
   if (!is_utf8(out)) return std::nullopt;
   return out;
-}
-
-/// Calls `use` with each part between `separator`s until it returns false.
-template <class Use>
-bool for_each_part(std::string_view text, char separator, Use use) {
-  for (;;) {
-    const std::size_t end = text.find(separator);
-    if (!use(text.substr(0, end))) return false;
-    if (end == std::string_view::npos) return true;
-    text.remove_prefix(end + 1);
-  }
 }
 
 }  // namespace
@@ -63,21 +48,20 @@ std::optional<Target> parse_target(std::string_view text) {
   const std::size_t question = text.find('?');
   Target target;
   target.path = text.substr(0, question);
-  const bool path = for_each_part(std::string_view(target.path).substr(1), '/', [&](std::string_view part) {
-    auto segment = decoded(part, false);
-    if (segment) target.segments.push_back(std::move(*segment));
-    return segment.has_value();
-  });
-  if (!path) return std::nullopt;
+  for (const std::string_view part : split(std::string_view(target.path).substr(1), '/')) {
+    const auto segment = decoded(part, false);
+    if (!segment) return std::nullopt;
+    target.segments.push_back(*segment);
+  }
   if (question == std::string_view::npos) return target;
-  const bool query = for_each_part(text.substr(question + 1), '&', [&](std::string_view part) {
-    if (part.empty()) return true;
+  for (const std::string_view part : split(text.substr(question + 1), '&')) {
+    if (part.empty()) continue;
     const std::size_t equals = part.find('=');
     const auto name = decoded(part.substr(0, equals), true);
     const auto value = decoded(equals == std::string_view::npos ? "" : part.substr(equals + 1), true);
-    return name && value && target.parameters.emplace(*name, *value).second;
-  });
-  if (!query) return std::nullopt;
+    if (!name || !value) return std::nullopt;
+    if (!target.parameters.emplace(*name, *value).second) target.repeated = *name;
+  }
   return target;
 }
 

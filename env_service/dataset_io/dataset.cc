@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/dataset.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <filesystem>
 #include <map>
@@ -96,6 +98,11 @@ std::vector<std::string> recognised(const std::string& folder) {
   }
   distinctive.insert(distinctive.end(), possible.begin(), possible.end());
   return distinctive;
+}
+
+void warn_of_arrays(const std::string& folder) {
+  if (const auto arrays = files_in(folder, {".npy", ".npz", ".safetensors"}); !arrays.empty())
+    spdlog::warn("{}: {} {} ({})", folder, one_line(arrays[0]), kFeatures, kWriteTable);
 }
 
 Error unknown_traversal(const std::string& name, const std::string& where, const std::vector<std::string>& known) {

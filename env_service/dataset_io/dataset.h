@@ -76,6 +76,8 @@ using DatasetRegistry = Registry<Dataset, const std::string&>;
 /// which reads what "plain" does.
 std::vector<std::string> recognised(const std::string& folder);
 
+/// Warns where arrays lie beside recordings, as NumPy writes them, which no dataset reads.
+void warn_of_arrays(const std::string& folder);
 /// Returns the Error for a `name` that is not among `known`.
 Error unknown_traversal(const std::string& name, const std::string& where, const std::vector<std::string>& known);
 

@@ -74,13 +74,16 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     if (!found || found->empty() || (*found)[0].size() != 6) return;
     const Fields& fields = *found;
     const std::string talker(fields[0].substr(1, 2)), kind(fields[0].substr(3));
-    if (kind != "GGA" && kind != "RMC" && kind != "ZDA") return;
+    const bool gns = kind == "GNS";
+    if (!gns && kind != "GGA" && kind != "RMC" && kind != "ZDA") return;
     const double time = at(time_of_day(fields, 1)), day = std::floor(time / kDay) * kDay;
     if (std::isnan(time)) return;
     const auto dated = [&](const std::string& iso) {
       if (const double now = read_moment(iso).seconds; !std::isnan(now)) ++midnights[day][now];
     };
-    const double status = field_number(fields, 6);
+    // GNS, else like GGA, has a letter for each system of satellites, N where that gives no fix.
+    const double status =
+        gns ? fields.size() > 6 && fields[6].find_first_not_of('N') != fields[6].npos : field_number(fields, 6);
     const bool rmc = kind == "RMC", fix = rmc ? fields.size() > 9 && fields[2] == "A" : status > 0;
     if (rmc && fix && fields[9].size() == 6) {
       const std::string date(fields[9]);  // ddmmyy
@@ -107,7 +110,7 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     }
     receiver.points.push_back(point);
   });
-  // Positions of GGA go first, as their quality is known; one receiver is kept to.
+  // Positions of GGA and GNS go first, as their quality is known; one receiver is kept to.
   const Receiver* best = nullptr;
   const auto rank = [](const Receiver& one) {
     return std::tuple(one.worth != 0, one.fixes > 0 ? one.worth / one.fixes : 0, one.fixes);
@@ -116,6 +119,7 @@ std::vector<TrackPoint> read_nmea(std::string_view text, double near, int& broke
     if (receiver.fixes > 0 && (!best || (2 * receiver.fixes > best->fixes && rank(receiver) > rank(*best)) ||
                                receiver.fixes > 2 * best->fixes))
       best = &receiver;
+  if (!best && !receivers.empty()) best = &receivers.begin()->second;
   if (!best) return {};
   std::vector<TrackPoint> points = best->points;
   const double first = points[0].time;

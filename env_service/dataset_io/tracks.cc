@@ -36,7 +36,6 @@ double number(std::string_view text, std::string_view ends = " \t\r\n") {
   return error == std::errc() && (after == end || ends.find(*after) != ends.npos) ? value : kUnknown;
 }
 
-/// Returns the name of an element without the prefix of its namespace.
 std::string_view local_name(const XMLElement& element) {
   const std::string_view name = element.Name();
   return name.substr(name.rfind(':') + 1);
@@ -72,7 +71,9 @@ Points read_gpx(const XMLElement& root) {
   each_below(root, "trkseg", [&](const XMLElement& segment) {
     bool begins = true;
     each_below(segment, "trkpt", [&](const XMLElement& point) {
-      const char *const latitude = point.Attribute("lat"), *const longitude = point.Attribute("lon");
+      const XMLElement* const fix = child(point, "fix");
+      const char *const latitude = fix && text_of(*fix) == "none" ? nullptr : point.Attribute("lat"),
+                        *const longitude = point.Attribute("lon");
       points.push_back({time_in(child(point, "time")), latitude ? number(latitude) : kUnknown,
                         longitude ? number(longitude) : kUnknown, begins, number_in(child(point, "ele"))});
       begins = false;
@@ -81,7 +82,6 @@ Points read_gpx(const XMLElement& root) {
   return points;
 }
 
-/// Reads a longitude, a latitude and a height with a separator between them.
 TrackPoint kml_point(double time, std::string_view text, char separator) {
   while (!text.empty() && std::isspace(static_cast<unsigned char>(text.front()))) text.remove_prefix(1);
   const std::size_t second = text.find(separator);

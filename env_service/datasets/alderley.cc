@@ -32,23 +32,22 @@ class Alderley : public FolderDataset {
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
     require_known(a);
     require_known(b);
-    const std::map<long, int> of_a = frames(a), of_b = frames(b);
     std::vector<std::pair<int, int>> pairs;
     if (a == b) {
-      for (const auto& [number, frame] : of_a) pairs.emplace_back(frame, frame);
+      for (const auto& [number, frame] : frames(a)) pairs.emplace_back(frame, frame);
       return pairs;
     }
+    const std::map<long, int> nights = frames("night"), days = frames("day");
     const std::string path = below(folder_, "framematches.csv");
     const TextTable table(path, {',', false});
     for (int row = 0; row < table.rows(); ++row) {
       if (table.columns(row) < 2) table.fail(row, "not two frame numbers");
       const std::string_view first = table.text(row, 0);
       if (row == 0 && !first.empty() && (first.front() < '0' || first.front() > '9')) continue;  // a header after all
-      const auto night = of_night(a) ? of_a.find(whole(table, row, 0)) : of_b.find(whole(table, row, 0));
-      const auto day = of_night(a) ? of_b.find(whole(table, row, 1)) : of_a.find(whole(table, row, 1));
-      // A thinned folder lacks frames of many rows.
-      if (night == (of_night(a) ? of_a : of_b).end() || day == (of_night(a) ? of_b : of_a).end()) continue;
-      pairs.emplace_back(of_night(a) ? night->second : day->second, of_night(a) ? day->second : night->second);
+      const auto night = nights.find(whole(table, row, 0)), day = days.find(whole(table, row, 1));
+      if (night == nights.end() || day == days.end()) continue;  // a thinned folder lacks frames of many rows
+      pairs.emplace_back(night->second, day->second);
+      if (!of_night(a)) std::swap(pairs.back().first, pairs.back().second);
     }
     if (pairs.empty()) throw Error("matches none of the frames in FRAMESA and FRAMESB", path);
     return pairs;
@@ -71,7 +70,6 @@ class Alderley : public FolderDataset {
     return first_folder(folder_, {folder + "/" + folder, folder});
   }
 
-  /// Returns the frame by the number in its file's name.
   std::map<long, int> frames(const std::string& name) const {
     std::map<long, int> frames;
     for (const NumberedFile& file : numbered_files(pictures(name), image_suffixes()))

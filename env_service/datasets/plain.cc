@@ -72,7 +72,6 @@ class Plain : public FolderDataset {
     return traversal;
   }
 
-  /// Returns the map of nodes.txt and links.txt, null where they are not there.
   std::shared_ptr<const StreetGraph> own_map() {
     if (!own_map_) own_map_ = StreetGraph::find_in(folder_);
     return own_map_;
@@ -120,7 +119,6 @@ class Plain : public FolderDataset {
       for (const std::string& file : files_in(folder_ + "/" + name, suffixes)) found.push_back(name + "/" + file);
     return found;
   }
-  /// Returns whether a file has the name of a traversal or of its film.
   static bool is_called(const std::string& file, const std::string& name, const std::string& path) {
     const std::string stem = lower(stem_of(file));
     return stem == lower(name) || stem == lower(stem_of(path));

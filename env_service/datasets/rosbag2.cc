@@ -69,12 +69,13 @@ struct BagTrack {
 /// Throws Error when the times of rows go back, or are all one, while those of the recorder grow.
 template <class Row>
 void require_running_clock(const std::vector<Row>& rows, const std::string& topic) {
-  const auto goes_back = [](const Row& a, const Row& b) {
-    return b.recorded > a.recorded && b.time < a.time - kBagReach;
-  };
-  const bool stands =
-      !rows.empty() && rows.front().recorded < rows.back().recorded && rows.front().time == rows.back().time;
-  if (stands || std::adjacent_find(rows.begin(), rows.end(), goes_back) != rows.end())
+  bool wrong = !rows.empty() && rows.front().recorded < rows.back().recorded && rows.front().time == rows.back().time;
+  const Row* latest = rows.data();  // of those before
+  for (const Row& row : rows) {
+    wrong = wrong || (row.recorded > latest->recorded && row.time < latest->time - kBagReach);
+    if (row.time > latest->time) latest = &row;
+  }
+  if (wrong)
     throw Error("its messages' stamps go back or stand still while they are recorded", topic,
                 "--rosbag2-stamp 1 takes the recorder's times");
 }
@@ -111,7 +112,6 @@ std::string described(const BagTopic& topic) {
                      topic.messages == 1 ? "" : "s");
 }
 
-/// Reads pictures from a bag when they are needed.
 class BagImages : public Images {
  public:
   BagImages(std::shared_ptr<Bag> bag, const BagTopic& topic, std::vector<BagPicture> pictures, const std::string& root)
@@ -177,7 +177,6 @@ class Rosbag2 : public FolderDataset {
   LeftOut left_out(const std::string& name) override { return left_out_[name]; }
 
  private:
-  /// Returns the path of each bag, by name.
   std::map<std::string, std::string> sources() const {
     const std::string own = std::filesystem::weakly_canonical(folder_).filename();
     if (is_file(folder_) && !Bag::stem(own).empty()) return {{Bag::stem(own), folder_}};

@@ -89,7 +89,7 @@ std::string month_after_day(const std::string& name) {
 }
 
 /// Returns whether names give no order: words that differ, as hashes do; numbers of different units, or too spread for
-/// times; places, as @utm@easting@northing@; days before their month; hours of two halves of a day;
+/// times; places, as @utm@easting@northing@; days before their month; months by name; hours of two halves of a day;
 /// hexadecimal numbers.
 bool without_order(const Names& names, const Numbers& numbers) {
   std::set<std::string> words;
@@ -100,14 +100,17 @@ bool without_order(const Names& names, const Numbers& numbers) {
     words.insert(std::move(name));
   }
   if (names.size() > 2 && longest > 2 && words.size() * 2 > names.size()) return true;
-  const auto has_half = [&](const std::string& half) {
-    return std::any_of(words.begin(), words.end(), [&](auto& word) { return lower(word).find(half) != word.npos; });
-  };
-  if (month_after_day(names.front()) != month_after_day(names.back()) || (has_half(" am") && has_half(" pm")))
-    return true;
+  static const std::regex form(
+      "(?:.*[^a-z])?((?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*|am|pm)(?:[^a-z].*)?");
+  std::set<std::string> months_or_halves;
+  std::smatch parts;
+  for (const std::string& word : words)
+    if (const std::string small = lower(word); std::regex_match(small, parts, form)) months_or_halves.insert(parts[1]);
+  if (month_after_day(names.front()) != month_after_day(names.back()) || months_or_halves.size() > 1) return true;
   const auto is_hexadecimal = [&](const std::string& name) {
-    const std::size_t begin = name.find_last_of("-_. ") + 1;
-    return name.size() == longest && name.find_first_not_of("0123456789abcdefABCDEF", begin) == name.npos;
+    const std::size_t begin = name.find_last_of("-_. ") + 1, told = name.compare(begin, 2, "0x") == 0 ? 2 : 0;
+    return (told || name.size() == longest) &&
+           name.find_first_not_of("0123456789abcdefABCDEF", begin + told) == name.npos;
   };
   if (!std::is_sorted(names.begin(), names.end()) && std::all_of(names.begin(), names.end(), is_hexadecimal))
     return true;

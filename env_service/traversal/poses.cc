@@ -21,7 +21,6 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 const std::vector<std::string> kHeightColumns{"z", "height", "alt", "altitude", "ele", "elevation"};
 
-/// A frame's number in a column.
 int frame_number(const TextTable& table, int row, const std::string& column) {
   const double number = table.number(row, column);
   if (number != std::floor(number) || number < 0 || number >= msg::MAX_FRAMES)
@@ -29,7 +28,6 @@ int frame_number(const TextTable& table, int row, const std::string& column) {
   return static_cast<int>(number);
 }
 
-/// Returns the frame of each row.
 std::vector<int> frames_of(const TextTable& table, const Traversal& traversal) {
   std::unordered_map<std::string, int> files;
   const bool by_file = !table.has("frame") && table.has("file");
@@ -113,7 +111,8 @@ void read_poses(const std::string& path, Traversal& traversal) {
                          [](std::size_t row) { return "frame " + std::to_string(row); }, false});
     traversal.positions = metres_along_plane(traversal.x, traversal.y, z);
   } else if (traversal.latitude.empty()) {
-    throw Error("no column gives places", path, "its header needs lat,lon or x,y or metres");
+    throw Error("no column gives places, there are: " + joined(table.unused(), printable), path,
+                "its header needs lat,lon or x,y or metres");
   }
   if (!table.has("frame") && !table.has("file") && table.rows() < traversal.frames)
     throw Error("has " + std::to_string(table.rows()) + " rows, " + traversal.name + " has " +

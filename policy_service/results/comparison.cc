@@ -28,8 +28,16 @@ const std::vector<std::string> kScoreFigures = {"completed", "spl", "excess", "m
 
 constexpr const char* kUnlearned = "sequence_filter";
 
-double number_or_nan(const Json& value) {
-  return value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
+/// Returns a figure, NaN for null. Throws Error naming it, as one of `where`, when it cannot be.
+double checked_figure(const Json& value, const std::string& figure, const std::string& where) {
+  const bool share = figure == "completed" || figure == "spl", any = figure == "reward";
+  if (value.is_null()) return std::numeric_limits<double>::quiet_NaN();
+  if (const double number = value.is_number() ? value.get<double>() : std::nan("");
+      (any || number >= 0) && (share ? number <= 1 : std::isfinite(number)))
+    return number;
+  const char* const range = share ? " from 0 to 1" : any ? "" : " of 0 or more";
+  throw Error("'" + figure + "' is " + value.dump().substr(0, 40) + ", not a number" + range, where,
+              "was it edited? A run that ends writes it anew");
 }
 
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
@@ -59,31 +67,37 @@ Json figures_json(const Figures& figures, const std::vector<std::string>& order)
   return json;
 }
 
-Figures figures_from(const Json& json) {
-  Figures figures;
-  for (const auto& [figure, one] : json.items())
-    for (const Json& value : one.at("values")) figures[figure].push_back(number_or_nan(value));
-  return figures;
-}
-
-RunGroup read_sweep(const std::string& path) {
-  const Json sweep = parse_file(path);
+/// Reads a run's summary.json, with the manifest beside it, or a sweep.json, whose figures have values of several runs.
+RunGroup read_group(const std::string& path, bool sweep) {
+  const Json file = parse_file(path);
+  const auto figures = [&](const Json& from, const std::vector<std::string>& names, const std::string& of) {
+    Figures read;
+    for (const std::string& figure : names)
+      for (const Json& value : sweep ? from.at(figure).at("values") : Json::array({from.at(figure)}))
+        read[figure].push_back(checked_figure(value, figure, path + ": " + of));
+    return read;
+  };
   try {
     RunGroup group;
-    group.agent = sweep.at("agent");
-    group.learner = sweep.at("learner");
-    group.middleware = sweep.at("middleware");
-    group.traversal = sweep.at("traversal");
-    group.seeds = sweep.at("seeds").get<std::vector<std::uint64_t>>();
-    group.training = figures_from(sweep.at("train"));
-    for (const auto& [traversal, figures] : sweep.at("evaluate").items())
-      group.rows.push_back({group.agent, traversal, figures_from(figures)});
-    for (const auto& [control, traversals] : sweep.at("controls").items())
-      for (const auto& [traversal, figures] : traversals.items())
-        group.rows.push_back({control, traversal, figures_from(figures)});
+    group.agent = file.at("agent");
+    group.middleware = file.at("middleware");
+    group.seeds = (sweep ? file.at("seeds") : Json::array({file.at("seed")})).get<std::vector<std::uint64_t>>();
+    if (sweep || file.contains("train")) {
+      const Json& training = file.at("train");
+      group.traversal = (sweep ? file : training).at("traversal");
+      group.training = figures(training, kTrainingFigures, "train");
+      group.learner =
+          (sweep ? file : parse_file((fs::path(path).parent_path() / "manifest.json").string())).at("learner");
+    }
+    const auto add = [&](const std::string& policy, const Json& traversals) {
+      for (const auto& [traversal, scores] : traversals.items())
+        group.rows.push_back({policy, traversal, figures(scores, kScoreFigures, policy + " on " + traversal)});
+    };
+    add(group.agent, file.at("evaluate"));
+    for (const auto& [control, traversals] : file.at("controls").items()) add(control, traversals);
     return group;
-  } catch (const nlohmann::json::exception& error) {
-    throw Error("is not a sweep", path, "name a folder with summary.json or sweep.json");
+  } catch (const nlohmann::json::exception&) {
+    throw Error("is not the summary of a run or a sweep", path, "name a folder with summary.json or sweep.json");
   }
 }
 
@@ -103,7 +117,6 @@ std::string cell(const Figures& figures, const std::string& figure, int digits, 
 
 using Cells = std::vector<std::string>;
 
-/// Returns Markdown with padded columns, so that it reads well as plain text.
 std::string markdown(const std::vector<Cells>& rows) {
   std::vector<std::size_t> widths(rows.at(0).size(), 3);
   for (const Cells& row : rows)
@@ -138,33 +151,7 @@ std::vector<RunGroup::Row> gains(const RunGroup& group) {
 
 }  // namespace
 
-RunGroup read_summary(const std::string& path) {
-  const Json summary = parse_file(path);
-  try {
-    RunGroup group;
-    group.agent = summary.at("agent");
-    group.middleware = summary.at("middleware");
-    group.seeds = {summary.at("seed").get<std::uint64_t>()};
-    if (summary.contains("train")) {
-      const Json& training = summary["train"];
-      group.traversal = training.at("traversal");
-      for (const std::string& figure : kTrainingFigures) group.training[figure] = {number_or_nan(training.at(figure))};
-      const Json manifest = parse_file((fs::path(path).parent_path() / "manifest.json").string());
-      group.learner = manifest.at("learner");
-    }
-    const auto add = [&group](const std::string& policy, const Json& traversals) {
-      for (const auto& [traversal, score] : traversals.items()) {
-        RunGroup::Row& row = group.rows.emplace_back(RunGroup::Row{policy, traversal, {}});
-        for (const std::string& figure : kScoreFigures) row.figures[figure] = {score.at(figure).get<double>()};
-      }
-    };
-    add(group.agent, summary.at("evaluate"));
-    for (const auto& [control, traversals] : summary.at("controls").items()) add(control, traversals);
-    return group;
-  } catch (const nlohmann::json::exception& error) {
-    throw Error("is not the summary of a run", path, "name a folder with summary.json or sweep.json");
-  }
-}
+RunGroup read_summary(const std::string& path) { return read_group(path, false); }
 
 RunGroup join(const std::vector<RunGroup>& runs) {
   RunGroup joined = runs.at(0);
@@ -209,9 +196,9 @@ RunGroup read_run(const std::string& run) {
   const fs::path folder = fs::is_directory(path) ? path : path.parent_path();
   RunGroup group;
   if (fs::exists(folder / "sweep.json") && path.filename() != "summary.json")
-    group = read_sweep((folder / "sweep.json").string());
+    group = read_group((folder / "sweep.json").string(), true);
   else if (fs::exists(folder / "summary.json") && path.filename() != "sweep.json")
-    group = read_summary((folder / "summary.json").string());
+    group = read_group((folder / "summary.json").string(), false);
   else
     throw Error("holds neither sweep.json nor summary.json", run, "has the run ended?");
   // "runs/today/" has no last name, its parent has.

@@ -11,6 +11,7 @@
 #include <numeric>
 #include <set>
 #include <unordered_set>
+#include <utility>
 
 #include "core/files/image_header.h"
 #include "core/util/text.h"
@@ -151,6 +152,7 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   std::unordered_set<std::string> taken;
   std::set<std::string> failed;
   std::vector<Traversal> traversals;
+  std::map<std::uint64_t, std::string> names;  // by the hash of what frames show
   long all = 0;
   std::string no_streets;
   try {
@@ -174,6 +176,10 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
             inspection.notes.push_back(name + ": " + line);
         } catch (const Error&) {  // it is a line alone
         }
+      const std::vector<float> positions = std::exchange(traversals.back().positions, {});
+      if (const auto [same, is_new] = names.emplace(traversals.back().hash(), name); !is_new)
+        inspection.notes.push_back(name + " shows the same in every frame as " + same->second + ": is it a copy?");
+      traversals.back().positions = positions;
       traversals.back().features = {};  // they were checked as they were read
       const LeftOut left_out = dataset.left_out(name);
       for (const std::string& line : left_out.on_purpose) inspection.left_out.push_back(name + ": " + line);
@@ -259,9 +265,9 @@ Summary summarise(Dataset& dataset, const std::string& name) {
     const auto [least, most] = std::minmax_element(known.begin(), known.end());
     if (!known.empty()) summary.metres = *most - *least;
     if (known.size() > 1) summary.mean_step = summary.metres / static_cast<double>(known.size() - 1);
-    summary.places = traversal.places_from;
     summary.gps =
         std::any_of(traversal.latitude.begin(), traversal.latitude.end(), [](double x) { return !std::isnan(x); });
+    if (summary.gps || !known.empty()) summary.places = traversal.places_from;
     if (!traversal.images) return summary;
     Bytes bytes;
     for (int frame = 0; frame < traversal.frames; ++frame) {

@@ -25,10 +25,9 @@
 namespace citylearn::vpr {
 namespace {
 
-/// Returns pairs (reference frame, query frame) at most `radius` metres apart: on the map when both traversals have
-/// coordinates, else along the route. Adds query frames whose place is not known to `unplaced`.
-std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius,
-                                              std::set<int>& unplaced) {
+/// Returns the pairs of frames at most `radius` metres apart: on the map when both traversals have coordinates, else
+/// along the route. Leaves out reference frames whose place is not known, and adds such query frames to `unplaced`.
+GroundTruth truth_within(const Traversal& reference, const Traversal& query, double radius, std::set<int>& unplaced) {
   const auto known = [](double number) { return std::isfinite(number); };
   const bool on_map =
       std::any_of(reference.latitude.begin(), reference.latitude.end(), known) && !query.latitude.empty();
@@ -37,8 +36,12 @@ std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const 
     return on_map ? on_earth(traversal.latitude[i], traversal.longitude[i]) : Point{traversal.positions[i]};
   };
   Grid grid(radius);
+  std::vector<int> unplaced_references;
   for (int frame = 0; frame < reference.frames; ++frame)
-    if (const Point at = point(reference, frame); known(at.x)) grid.add(at, frame);
+    if (const Point at = point(reference, frame); known(at.x))
+      grid.add(at, frame);
+    else
+      unplaced_references.push_back(frame);
   std::vector<std::pair<int, int>> pairs;
   std::vector<Grid::Near> near;
   for (int frame = 0; frame < query.frames; ++frame)
@@ -51,7 +54,12 @@ std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const 
   if (pairs.empty())
     throw Error("no frame of " + query.name + " is known to lie so near to one of " + reference.name, "--radius",
                 "choose a larger one, or --tolerance in frames when positions are not known");
-  return pairs;
+  GroundTruth truth = GroundTruth::by_matches(pairs, reference.frames, query.frames, 0);
+  for (const int frame : unplaced_references) truth.leave_out_reference(frame);
+  if (!unplaced_references.empty())
+    spdlog::warn("{}: {} of {} frames have no known place and are no answers", reference.name,
+                 unplaced_references.size(), reference.frames);
+  return truth;
 }
 
 constexpr int kWidth = 160, kBorder = 4, kGap = 6;  // pixels: of a picture, of its frame, between frames
@@ -182,8 +190,7 @@ class Evaluation {
   GroundTruth truth(const Traversal& query) const {
     std::set<int> unplaced;
     const bool by_metres = options_.radius > 0;
-    GroundTruth truth = by_metres ? GroundTruth::by_matches(pairs_within(reference_, query, options_.radius, unplaced),
-                                                            reference_.frames, query.frames, 0)
+    GroundTruth truth = by_metres ? truth_within(reference_, query, options_.radius, unplaced)
                                   : GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
     for (const std::vector<bool>* unmatched : {&reference_.unmatched, &query.unmatched})
       for (std::size_t i = 0; !by_metres && i < unmatched->size(); ++i)

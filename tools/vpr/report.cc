@@ -33,7 +33,6 @@ std::vector<double> thinned(const std::vector<double>& points) {
   return kept;
 }
 
-/// Returns the JSON's text. Bytes that are not UTF-8 are replaced.
 std::string dumped(const Json& json, int indent) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n";
 }

@@ -49,9 +49,9 @@ PrecisionRecall weighted_curve(const Answers& answers, const std::vector<int>& o
   return curve;
 }
 
-/// Adds the answers of a block of R x n scores to those of the queries before it.
 void add_answers(Answers& answers, const Eigen::Ref<const Eigen::MatrixXf>& block, const GroundTruth& truth) {
-  for (const auto column : block.colwise()) {
+  for (Eigen::VectorXf column : block.colwise()) {
+    for (const int reference : truth.unplaced_references()) column[reference] = kNone;
     const int query = answers.queries();
     const float *begin = column.data(), *end = begin + column.size();
     float best = column.maxCoeff<Eigen::PropagateNumbers>(), best_right = kNone;

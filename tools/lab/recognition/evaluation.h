@@ -23,6 +23,8 @@ class GroundTruth {
 
   /// Judges no answer to this query, as nothing is known of its place.
   void leave_out(int query);
+  /// Takes this reference frame for no answer, likewise.
+  void leave_out_reference(int reference) { unplaced_references_.push_back(reference); }
 
   int references() const { return references_; }
   int queries() const { return static_cast<int>(frames_.size()); }
@@ -31,6 +33,7 @@ class GroundTruth {
   std::vector<int> right_frames(int query) const;
   /// Returns whether any reference frame is right. Other queries do not count for recall; accepting them is an error.
   bool answerable(int query) const;
+  const std::vector<int>& unplaced_references() const { return unplaced_references_; }
   bool left_out(int query) const { return left_out_[static_cast<std::size_t>(query)]; }
   /// Returns a frame that shows the same place, of several the middle one; -1: none.
   int place(int query) const;
@@ -39,6 +42,7 @@ class GroundTruth {
   int references_ = 0, tolerance_ = 0;
   std::vector<std::vector<int>> frames_;  // by query: sorted reference frames of the same place
   std::vector<bool> left_out_;            // by query
+  std::vector<int> unplaced_references_;
 };
 
 /// The answers of a similarity matrix to each query.

@@ -120,6 +120,9 @@ TEST(Tracks, GpxInAnyForm) {
   EXPECT_EQ(Read("<wpt lat='9' lon='9'/>").error.empty(), false);
   EXPECT_EQ(Read(gpx(pause)).points, "+0 1,2\n+10 1,2\n+20 nan,nan\n+30 1,2\n") << "unknown in a pause";
   EXPECT_TRUE(contains(Read(gpx(gpx_point("2026-06-01T12:00:00Z", "lat='48,2' lon='2'"))).error, "has no fix"));
+  EXPECT_TRUE(
+      contains(Read(gpx("<trkpt lat='1' lon='2'><time>2026-06-01T12:00:00Z</time><fix>none</fix></trkpt>")).error,
+               "has no fix"));
   EXPECT_TRUE(contains(Read(gpx(gpx_point(""))).error, "x.gpx: has places without times"));
   EXPECT_TRUE(contains(Read(gpx(gpx_point("2026-06-01T12:00:00Z", "lat='91' lon='2'"))).error, "not a latitude"));
   EXPECT_TRUE(contains(Read("<gpx><trk>").error, "x.gpx:1: is not XML"));
@@ -183,9 +186,14 @@ TEST(Tracks, NmeaOfOneReceiverOverMidnight) {
             "-43203 1.5,2\n-43202 1.5,2\n-43201 1.5,2\n-43200 1.5,2\n-43199 1.5,2\n-43198 1.5,2\n");
   for (const char* const place : {"0160.0,N,00200.0,E", "-0130.0,N,00200.0,E", "1.5,N,2.5,E", "0130.0,N,2.5,E"})
     EXPECT_TRUE(contains(Read(nmea("GPGGA,120000," + std::string(place) + ",1,05,2.0,5,M,47,M,,"), ".nmea").error,
-                         "holds no track"))
+                         "has no fix"))
         << place << " has no degrees and minutes";
-  EXPECT_TRUE(contains(Read(nmea("GPRMC,120000,V,,,,,,,010626,,,N"), ".nmea").error, "holds no track"));
+  EXPECT_TRUE(contains(Read(nmea("GPRMC,120000,V,,,,,,,010626,,,N"), ".nmea").error, "has no fix"));
+  EXPECT_EQ(Read(nmea("GNGNS,120000,0130.0,N,00200.0,E,AN,05,2.0,5,47,,") +
+                     nmea("GNGNS,120001,0130.6,N,00200.0,E,NN,00,9.9,5,47,,"),
+                 ".nmea")
+                .points,
+            "+0 1.5,2\n");
 }
 
 TEST(Tracks, ADelayThatAllTimesHaveIsTakenOff) {

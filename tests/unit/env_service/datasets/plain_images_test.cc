@@ -151,7 +151,8 @@ TEST_F(PlainDrive, WrongPoses) {
     make_file(folder_ / "day.poses.csv", text);
     return complaint("day");
   };
-  EXPECT_EQ(told("a,b\n1,2\n"), "day.poses.csv: no column gives places (its header needs lat,lon or x,y or metres)");
+  EXPECT_EQ(told("a,b\n1,2\n"),
+            "day.poses.csv: no column gives places, there are: a, b (its header needs lat,lon or x,y or metres)");
   EXPECT_EQ(told("frame,x\n1,2\n"), "day.poses.csv: no column 'y' (there are: frame, x)");
   EXPECT_EQ(told("frame,lat\n1,2\n"), "day.poses.csv: no column 'lon' (there are: frame, lat)");
   EXPECT_EQ(told("lat,lon\n1,2\n91,2\n"),

@@ -205,12 +205,15 @@ TEST_F(Rosbag2, AStampOfAnotherDayIsLeftOutWithAWord) {
   EXPECT_EQ(bags({{"stamp", 1}})->load("a").frames, 5);
 }
 
-/// Stamps of a bag that was played twice, and of a driver that stamps nothing anew, would mix up frames and places.
+/// Stamps of a bag that was played twice, of a driver that stamps nothing anew, and of a clock that runs backwards in
+/// small steps, would mix up frames and places.
 TEST_F(Rosbag2, StampsThatGoBackOrStandAreRefused) {
-  for (const auto& [name, lap] : std::map<std::string, int>{{"a", 1}, {"b", 3000}}) {  // ms after which they begin anew
+  for (const auto& [name, stamps] : std::map<std::string, std::vector<int>>{{"a", {10'000, 10'000, 10'000, 10'000}},
+                                                                            {"b", {10'000, 11'000, 12'000, 10'000}},
+                                                                            {"c", {10'900, 10'500, 10'100, 9'700}}}) {
     std::vector<BagSample> samples;
     for (int i = 0; i < 4; ++i) {
-      samples.push_back(image(10'000 + 1000 * i % lap, red_blue_));
+      samples.push_back(image(stamps[static_cast<std::size_t>(i)], red_blue_));
       samples.back().time = 10'000 + 1000 * i;
     }
     write_bag_mcap(folder_ / (name + ".mcap"), samples);

@@ -151,7 +151,9 @@ TEST(Pictures, NamesWithoutAnOrderAreWarnedOf) {
        {Names{"c4ca4238a0.jpg", "c81e728d9d.jpg", "eccbc87e4b.jpg"},
         Names{"0000635340061525167377.jpg", "0001663341875487337577.jpg", "7003326683750974675154.jpg"},
         Names{"1700000000.jpg", "1700000001000.jpg"}, Names{"at 1.00.00 PM.jpg", "at 10.00.00 AM.jpg"},
-        Names{"01-02-2024.jpg", "31-01-2024.jpg"}, Names{"f_000a.jpg", "f_0007.jpg", "f_0008.jpg", "f_0009.jpg"},
+        Names{"01-02-2024.jpg", "31-01-2024.jpg"}, Names{"2026-Feb-01.jpg", "2026-Jan-31.jpg"},
+        Names{"0x5.jpg", "0x8.jpg", "0x11.jpg", "0x14.jpg", "0xb.jpg"},
+        Names{"f_000a.jpg", "f_0007.jpg", "f_0008.jpg", "f_0009.jpg"},
         Names{"@utm@0691230.10@5341670.20@32@U@.jpg", "@utm@0691231.10@5341660.20@32@U@.jpg"}}) {
     const Log log;
     EXPECT_EQ(Listing(names).files.size(), names.size());

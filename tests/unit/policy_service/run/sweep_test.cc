@@ -150,5 +150,27 @@ TEST(Tables, NameWhatIsNoRun) {
   EXPECT_THROW(tables_of({}), Error);
 }
 
+TEST(Tables, RefuseFiguresThatCannotBe) {
+  const Folder folder;
+  const std::string path = folder / "a/summary.json";
+  const auto refused = [&](double spl, const Json& episodes) {
+    finished_run(folder / "a", "features", "ppo", spl, episodes);
+    return error_of([&] { tables_of({folder / "a"}); });
+  };
+  const std::string remedy = " (was it edited? A run that ends writes it anew)";
+  EXPECT_EQ(refused(1.5, 1), path + ": train: 'spl' is 1.5, not a number from 0 to 1" + remedy);
+  EXPECT_EQ(refused(0.5, -1), path + ": train: 'episodes_to_spl95' is -1, not a number of 0 or more" + remedy);
+  EXPECT_EQ(refused(0.5, "many"),
+            path + ": train: 'episodes_to_spl95' is \"many\", not a number of 0 or more" + remedy);
+  finished_run(folder / "a", "features", "ppo", 0.5, 1);
+  Json sweep = Json::parse(sweep_json(read_summary(path), {}));
+  make_file(folder / "a/sweep.json", sweep.dump());
+  EXPECT_EQ(error_of([&] { tables_of({folder / "a"}); }), "");
+  sweep["controls"]["blind"]["fall"]["completed"]["values"] = {true};
+  make_file(folder / "a/sweep.json", sweep.dump());
+  EXPECT_EQ(error_of([&] { tables_of({folder / "a"}); }),
+            folder / "a/sweep.json: blind on fall: 'completed' is true, not a number from 0 to 1" + remedy);
+}
+
 }  // namespace
 }  // namespace citylearn::testing

@@ -65,7 +65,8 @@ TEST(Inspection, DescribesAMapOfStreets) {
   const Folder folder;
   make_file(folder / "nodes.txt", "a,0,0,0\nb,0,0,0.001\n");
   make_file(folder / "links.txt", "a,90,b\nb,270,a\n");
-  for (const std::string name : {"day.csv", "night.csv"}) make_file(folder / name, "1.5,2\n3,5\n");
+  for (const std::string name : {"day.csv", "night.csv"})
+    make_file(folder / name, "1.5," + std::to_string(name.size()) + "\n3,5\n");
   const auto inspected = [&] { return inspect(*make_dataset("plain", folder.path()), folder.path(), kOn); };
   const Inspection found = inspected();
   EXPECT_EQ(found.notes,
@@ -200,7 +201,9 @@ TEST(Inspection, ComparesTables) {
   ASSERT_EQ(inspected().notes.size(), 1u);
   EXPECT_TRUE(contains(inspected().notes[0], "no order of the frames of winter looks like those of summer"));
   make_file(folder / "winter.csv", forwards);
-  EXPECT_TRUE(inspected().notes.empty() && inspected().faults.empty());
+  EXPECT_EQ(inspected().notes,
+            std::vector<std::string>{"winter shows the same in every frame as summer: is it a copy?"});
+  EXPECT_TRUE(inspected().faults.empty());
   ASSERT_EQ(inspected().matches.size(), 1u);
   EXPECT_EQ(inspected().matches[0].counterparts[30], 30);
   EXPECT_GT(inspected().matches[0].confidence[30], 0.5);
@@ -216,7 +219,7 @@ TEST(Inspection, NotesADriveTheOtherWay) {
   std::string there = "lat,lon\n", back = there, elsewhere = there;
   for (int i = 0; i < 12; ++i) {
     for (const std::string name : {"back/", "there/", "town/"})
-      write_grey(folder / (name + std::to_string(i) + ".png"), 10 * i);
+      write_grey(folder / (name + std::to_string(i) + ".png"), 10 * i + static_cast<int>(name.size()));
     there += std::to_string(50 + 0.0001 * i) + ",7\n";
     back += std::to_string(50.0011 - 0.0001 * i) + ",7\n";
     elsewhere += std::to_string(50 + 0.0001 * i) + ",8\n";
@@ -225,7 +228,8 @@ TEST(Inspection, NotesADriveTheOtherWay) {
   make_file(folder / "back.poses.csv", back);
   make_file(folder / "town.poses.csv", elsewhere);
   const Inspection found = inspect(*make_dataset("plain", folder.path()), folder.path(), kOn);
-  EXPECT_EQ(found.notes, (std::vector<std::string>{"there runs the other way than back, by latitude and longitude: "
+  EXPECT_EQ(found.notes, (std::vector<std::string>{"town shows the same in every frame as back: is it a copy?",
+                                                   "there runs the other way than back, by latitude and longitude: "
                                                    "cameras that look ahead see other things",
                                                    "12 of 12 places of town are farther than 25 m from all of back"}));
   EXPECT_TRUE(found.faults.empty());
@@ -271,6 +275,7 @@ TEST(Inspection, Summarises) {
   make_file(folder / "day.poses.csv", "frame,lat,lon\n0,0,0\n1,0.001,0\n4,0.003,0\n");
   make_file(folder / "feat.csv", "1,2,3\n4,5,6\n");
   make_file(folder / "night/1.png", "");
+  make_file(folder / "night.poses.csv", "frame,lat,lon\n0,,\n");
   make_file(folder / "bad.csv", "1\n");
   const auto dataset = make_dataset("plain", folder.path());
   const Summary day = summarise(*dataset, "day"), night = summarise(*dataset, "night");
@@ -283,6 +288,7 @@ TEST(Inspection, Summarises) {
   EXPECT_EQ(day.bad_frames, 0);
   EXPECT_EQ(night.bad_frames, 1);
   EXPECT_FALSE(night.gps);
+  EXPECT_EQ(night.places, "") << "its table has none";
   EXPECT_TRUE(std::isnan(night.metres));
   EXPECT_EQ(summarise(*dataset, "feat").dimension, 3);
   EXPECT_TRUE(contains(summarise(*dataset, "bad").error, "only one frame"));
@@ -332,6 +338,9 @@ TEST(Inspection, NothingIsNotGood) {
                {{"check", folder.path(), "--picture", pictures / "x.svg"}, 1, "plain: 3 frames, 0 bad"},
                {{"info", folder.path()}, 0, "morning"}});
   EXPECT_TRUE(contains(contents(pictures / "x.svg"), "no recording has places"));
+  make_file(folder / "dusk.npy", "x");
+  expect_said(
+      {{{"info", folder.path()}, 0, "dusk.npy has arrays, which are not read (write each recording as a table"}});
 }
 
 TEST(Inspection, ListsDatasets) {

@@ -112,6 +112,16 @@ TEST(VprTool, QueriesWithoutAPlaceAreNotJudged) {
   const auto row = nlohmann::json::parse(contents(output / "results.json"))["rows"][0];
   EXPECT_EQ(row["recall_1"], 1);
   EXPECT_EQ(row["auc"], 1);
+  // A reference frame without a place is no answer: the query in which it alone looks equal has the next one, 45
+  // degrees away, whose place is right.
+  make_file(data / "fall.csv", "0,1\n0,-1\n");
+  make_file(data / "summer.csv", "0,1\n-1,-1\n1,1\n0,-1\n");
+  make_file(data / "fall.poses.csv", "metres\n0\n10\n");
+  make_file(data / "summer.poses.csv", "metres\n0\n10\nnan\nnan\n");
+  const Ended other =
+      vpr("--data " + data.path() + " --dimension 0 --centring none --radius 3 --output " + output.path());
+  EXPECT_TRUE(contains(other.text, "summer: 2 of 4 frames have no known place and are no answers")) << other.text;
+  EXPECT_EQ(nlohmann::json::parse(contents(output / "results.json"))["rows"][0]["recall_1"], 1);
   make_file(data / "spring.csv", "1\n2\n3\n4\n");
   EXPECT_TRUE(contains(vpr("--data " + data.path() + " --query spring --output " + output.path()).text,
                        "summer and spring: one has 2 features a frame, the other 1 (0: pictures)"));
