@@ -42,14 +42,16 @@ void RunRecords::open_training_logs(std::uint64_t updates, std::uint64_t steps, 
   best_.emplace(checkpoint_folder());
   metrics_ = std::make_unique<MetricsLog>(options_.output + "/metrics.csv", updates);
   events_ = std::make_unique<EventLog>(options_.output + "/tensorboard", steps);
-  write_file(options_.output + "/manifest.json", text_of(manifest(parameters)));
+  parameters_ = parameters;
+  write_manifest();
 }
 
-nlohmann::ordered_json RunRecords::manifest(const Parameters& parameters) const {
-  std::map<std::string, msg::TraversalInfo> traversals;
+void RunRecords::write_manifest() { write_file(options_.output + "/manifest.json", text_of(manifest(parameters_))); }
+
+nlohmann::ordered_json RunRecords::manifest(const Parameters& parameters) {
   for (const auto& [id, env] : client_.envs())
-    if (env->refusal.empty()) traversals[env->traversal()] = env->info;
-  return manifest_json(options_, parameters, traversals, node_.middleware_name(), run_id_);
+    if (env->refusal.empty()) traversals_[env->traversal()] = env->info;
+  return manifest_json(options_, parameters, traversals_, node_.middleware_name(), run_id_);
 }
 
 void RunRecords::announce(const std::string& learner, std::uint64_t updates, const Parameters& parameters) {
@@ -152,6 +154,7 @@ void RunRecords::require_all_written() {
     throw Error("the checkpoint of update " + std::to_string(pending_->update) + " could not be written",
                 options_.output, "free some space, then continue with --resume");
   if (!episodes_->problem().empty()) throw Error(episodes_->problem());
+  if (metrics_) write_manifest();
 }
 
 void RunRecords::end() {

@@ -61,13 +61,15 @@ class RunRecords {
   void acknowledge(bool all = true);
   /// Returns whether a service that watches the run lacks figures and is alive as far as is known.
   bool reader_expected() const { return announcer_ && announcer_->reader_expected(); }
-  /// Tries everything once more. Throws Error when something cannot be written.
+  /// Tries everything once more, and writes a training's manifest anew, with the traversals that came after its start.
+  /// Throws Error when something cannot be written.
   void require_all_written();
   /// Announces that the run has ended.
   void end();
 
  private:
-  nlohmann::ordered_json manifest(const Parameters& parameters) const;
+  void write_manifest();
+  nlohmann::ordered_json manifest(const Parameters& parameters);
   void write_pending_checkpoints();
   void report_problems();
 
@@ -80,6 +82,8 @@ class RunRecords {
   std::unique_ptr<EpisodeLog> episodes_;
   std::unique_ptr<MetricsLog> metrics_;
   std::unique_ptr<EventLog> events_;
+  Parameters parameters_;
+  std::map<std::string, msg::TraversalInfo> traversals_;  ///< that were there at some time
   std::set<EnvHandle*, ById> to_acknowledge_;
   Clock::time_point next_acknowledgement_;
   // Checkpoints that the disk did not take.
