@@ -7,6 +7,7 @@
 #include "core/util/text.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/selection.h"
+#include "env_service/files/files.h"
 #include "env_service/traversal/goal_place.h"
 
 namespace citylearn {
