@@ -19,7 +19,7 @@ class Scores {
 
   Eigen::Index references() const { return references_; }
   Eigen::Index queries() const { return queries_; }
-  void read(Eigen::Index reference, Eigen::Index query, Eigen::Ref<Eigen::MatrixXf> block) const {
+  void read(Eigen::Index reference, Eigen::Index query, const Eigen::Ref<Eigen::MatrixXf>& block) const {
     read_(reference, query, block);
   }
   /// Calls `take` for one block of queries after the other, with its first query and `count` references from `first`.

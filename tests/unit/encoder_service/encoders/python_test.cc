@@ -9,6 +9,7 @@
 
 #include "core/util/sha256.h"
 #include "encoder_service/encoder_options.h"
+#include "tests/paths.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"
 

@@ -319,7 +319,7 @@ TEST(Inspection, ProgramTakesParametersOfDatasets) {
   const std::string camera = folder / "2011_09_26_drive_0001_sync/image_00";
   for (int i = 0; i < 2; ++i) write_grey(camera + "/data/000000000" + std::to_string(i) + ".png", 10);
   make_file(camera + "/timestamps.txt", "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n");
-  const std::string data = folder.path();
+  const std::string& data = folder.path();
   expect_said({{{"check", "--dataset", "kitti", data}, 1, "image_02"},
                {{"check", "--kitti-camera", "0", data}, 0, "kitti: 2 frames, 0 bad"},
                {{"info", "--kitti-camera", "0", data}, 0, "2011_09_26_drive_0001_sync  day"},
