@@ -176,10 +176,10 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
             inspection.notes.push_back(name + ": " + line);
         } catch (const Error&) {  // it is a line alone
         }
-      const std::vector<float> positions = std::exchange(traversals.back().positions, {});
+      std::vector<float> positions = std::exchange(traversals.back().positions, {});
       if (const auto [same, is_new] = names.emplace(traversals.back().hash(), name); !is_new)
         inspection.notes.push_back(name + " shows the same in every frame as " + same->second + ": is it a copy?");
-      traversals.back().positions = positions;
+      traversals.back().positions = std::move(positions);
       traversals.back().features = {};  // they were checked as they were read
       const LeftOut left_out = dataset.left_out(name);
       for (const std::string& line : left_out.on_purpose) inspection.left_out.push_back(name + ": " + line);

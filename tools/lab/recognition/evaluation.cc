@@ -49,9 +49,13 @@ PrecisionRecall weighted_curve(const Answers& answers, const std::vector<int>& o
   return curve;
 }
 
+/// Adds the answers of a block of R x n scores to those of the queries before it.
 void add_answers(Answers& answers, const Eigen::Ref<const Eigen::MatrixXf>& block, const GroundTruth& truth) {
-  for (Eigen::VectorXf column : block.colwise()) {
-    for (const int reference : truth.unplaced_references()) column[reference] = kNone;
+  Eigen::VectorXf placed;  // a copy, only where some references are no answers
+  for (const auto scores : block.colwise()) {
+    if (!truth.unplaced_references().empty()) placed = scores;
+    for (const int reference : truth.unplaced_references()) placed[reference] = kNone;
+    const Eigen::Map<const Eigen::VectorXf> column(placed.size() > 0 ? placed.data() : scores.data(), scores.size());
     const int query = answers.queries();
     const float *begin = column.data(), *end = begin + column.size();
     float best = column.maxCoeff<Eigen::PropagateNumbers>(), best_right = kNone;
